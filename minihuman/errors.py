@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike, fspath, strerror
 
-_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})  # disk full, quota exceeded, file too large
 
 
 @contextmanager
@@ -25,10 +25,12 @@ def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
 
 @contextmanager
 def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
-    """Make an error about a full disk name the output; libraries name no file, or the file they copied from.
+    """Raise an error about a full disk again with the name of the output.
+
+    The libraries that write the output raise the error without a file name, or with that of the file they copy from.
 
     Raises:
-        OSError: the original error, with the output's name.
+        OSError: the error with the output's name if there was no room for the file; otherwise the original error.
     """
     try:
         yield
@@ -56,7 +58,7 @@ class MinihumanError(Exception):
     The command line prints such an error in one line.
     """
 
-    exit_code = 2  # what the command line ends with: bad input
+    exit_code = 2  # the exit status of the command line: bad input
 
 
 class WorldError(MinihumanError, ValueError):
@@ -66,7 +68,7 @@ class WorldError(MinihumanError, ValueError):
 class ProtocolError(MinihumanError, ValueError):
     """A protocol file is not valid; the message holds the file, the path in it and a remedy."""
 
-    mistakes: tuple[str, ...] = ()  # a line each, where all were looked for
+    mistakes: tuple[str, ...] = ()  # one line each; empty if only the first mistake was looked for
 
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":

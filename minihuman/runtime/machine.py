@@ -22,7 +22,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.trust import SOURCE_FACT, list_world_sources
 from minihuman.worlds.adapters.registered_module import find_registered_module
-from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
+from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION, SHADOWS_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
 _DRAWING_PACKAGES = {"gymnasium.envs.mujoco": "mujoco", "gymnasium.envs.box2d": "Box2D"}  # by a module's beginning
@@ -64,6 +64,7 @@ def collect_machine_facts() -> dict[str, str]:
     facts = {
         "rules": rules_digest(),
         "pictures": str(PICTURES_VERSION),
+        "shadow_pictures": str(SHADOWS_VERSION),
         "clauses": str(CLAUSES_VERSION),
         "number_rules": NUMBER_RULES,
         "consent_rules": CONSENT_RULES,

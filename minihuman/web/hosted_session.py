@@ -41,6 +41,7 @@ _RULE_FACTS = (
     "version_minihuman",
     "rules",
     "pictures",
+    "shadow_pictures",
     "clauses",
     "number_rules",
     "consent_rules",

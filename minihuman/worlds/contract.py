@@ -36,6 +36,7 @@ UNKNOWN_BOUNDS = PathLengthBounds()
 
 
 PICTURES_VERSION = 2  # goes up when first-person worlds are drawn differently; a log names the version of its pictures
+SHADOWS_VERSION = 2  # as PICTURES_VERSION, for worlds with contact shadows alone
 CLAUSES_VERSION = 2  # goes up when more worlds report their subgoals; a log names the version that recorded it
 
 
@@ -56,6 +57,8 @@ def answer_to_old_names(cls: type) -> None:
 
 
 def _deprecated(old: str, new: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that calls a method and warns that its name has changed."""
+
     @wraps(method)
     def call(*args: Any, **kwargs: Any) -> Any:
         warnings.warn(f"{old}() is called {new}() now", DeprecationWarning, stacklevel=2)
@@ -182,12 +185,12 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
     Raises:
         WorldError: if there are more scenes than ``most_scenes``.
     """
-    before = world.save()
+    start = world.save()
     scenes = {world.scene_hash()}
-    waiting = [before]
-    parents = [(-1, -1)]
+    states = [start]
+    parents = [(-1, -1)]  # the index of each state's predecessor, and the action that leads from there
     try:
-        for at, saved in enumerate(waiting):  # which grows meanwhile
+        for at, saved in enumerate(states):  # the loop appends to this list
             for action in actions:
                 world.restore(saved)
                 reward, terminated, truncated = world.advance(action)
@@ -203,10 +206,10 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
                         "there may still be one"
                     )
                 parents.append((at, action))
-                waiting.append(world.save())
+                states.append(world.save())
         return None
     finally:
-        world.restore(before)
+        world.restore(start)
 
 
 def actions_from_start(parents: list[tuple[int, int]], at: int, last: int) -> list[int]:

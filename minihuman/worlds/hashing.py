@@ -67,10 +67,17 @@ def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
             add(_text_form(key)) if type(key) is str else _canonical(key, add)
             _canonical(value[key], add)
     else:
-        _rarer(value, add)
+        _encode_other_types(value, add)
 
 
-def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
+def _encode_other_types(value: Any, add: Callable[[bytes], None]) -> None:
+    """Pass the canonical form of a value to ``add`` if its type is not one of the commonest ones.
+
+    Subclasses of a type, and NumPy's scalars, have the form of the plain type.
+
+    Raises:
+        TypeError: if the value has no canonical form.
+    """
     match value:
         case None:
             add(b"n")
@@ -84,7 +91,7 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
             _canonical(str.__str__(value), add)
         case bytes():
             add(b"y%d;" % len(value) + value)
-        case np.ndarray() if not value.dtype.hasobject:  # whose bytes would be addresses
+        case np.ndarray() if not value.dtype.hasobject:  # the bytes of an array of objects are addresses
             array = np.ascontiguousarray(value)
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
             add(_array_head(array.dtype.str, array.shape))

@@ -29,7 +29,8 @@ class KernelSource:
         return f"{self.function.__module__}.{self.function.__qualname__}"
 
 
-# What stands in modules for a kernel, or for what kernels call, by its `id`; and what Numba makes of it, for others
+# By the `id` of the object that stands in modules for a kernel, or for a function that kernels call: this object, and
+# the function that compiles it with Numba for the kernels that call it.
 COMPILERS: dict[int, tuple[Any, Callable[[], Any]]] = {}
 
 

@@ -30,7 +30,11 @@ def whole_number(value: Any) -> int | None:
 
 
 def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False) -> int:
-    """Check that a value is a whole number from ``low`` to ``high``, and return it. A float is always refused."""
+    """Check that a value is a whole number from ``low`` to ``high``, odd if ``odd`` is set, and return it.
+
+    Raises:
+        WorldError: if it is not such a number. A float is refused even if it is whole.
+    """
     number = whole_number(value)
     if number is None or not low <= number <= high or (odd and number % 2 == 0):
         kind = "an odd number" if odd else "a whole number"
@@ -39,42 +43,66 @@ def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False
 
 
 def check_number(name: str, value: Any, low: float, high: float) -> float:
-    """Check that a value is a number from ``low`` to ``high``, and return it unchanged."""
+    """Check that a value is a number from ``low`` to ``high``, and return it unchanged.
+
+    Raises:
+        WorldError: if it is not such a number; a bool is refused.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise WorldError(f"{name} is {value!r}; it must be a number, {low:g} to {high:g}")
     return value
 
 
 def check_bool(name: str, value: Any) -> bool:
-    """Check that a value is true or false, and return it."""
+    """Check that a value is true or false, and return it.
+
+    Raises:
+        WorldError: if it is anything else.
+    """
     if not isinstance(value, bool):
         raise WorldError(f"{name} is {value!r}; it must be true or false")
     return value
 
 
 def check_one_of(name: str, value: T, known: Collection[T]) -> T:
-    """Check that a value is one of the known values, and return it."""
+    """Check that a value is one of the known values, of the same type, and return it.
+
+    Raises:
+        WorldError: if it is not one of them.
+    """
     if not any(type(value) is type(option) and value == option for option in known):
         raise WorldError(f"{name} is {value!r}; use one of {', '.join(map(repr, known))}")
     return value
 
 
 def check_cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
-    """Check a column and a row of a grid, at least ``wall`` cells from its edge, and return them."""
-    column, row = _as_many(name, value, 2, "a column and a row")
+    """Check that a value is a column and a row of a grid, at least ``wall`` cells from its edge, and return them.
+
+    Raises:
+        WorldError: if it is not such a pair of whole numbers.
+    """
+    column, row = _check_length(name, value, 2, "a column and a row")
     check_whole(f"{name}[0]", column, wall, width - 1 - wall)
     return column, check_whole(f"{name}[1]", row, wall, height - 1 - wall)
 
 
 def check_pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
-    """Check two whole numbers from ``low`` to ``high``, and return them."""
-    first, second = _as_many(name, value, 2, "two whole numbers")
+    """Check that a value is a sequence of two whole numbers from ``low`` to ``high``, and return them.
+
+    Raises:
+        WorldError: if it is not such a sequence.
+    """
+    first, second = _check_length(name, value, 2, "two whole numbers")
     return check_whole(f"{name}[0]", first, low, high), check_whole(f"{name}[1]", second, low, high)
 
 
 def check_point(name: str, value: Any) -> tuple[float, float, float]:
-    """Check a position in metres, x, y and z, and return it."""
-    x, y, z = _as_many(name, value, 3, "x, y and z in metres")
+    """Check that a value is a position (x, y, z), each at most `MAX_METRES` from 0, and return it.
+
+    Raises:
+        WorldError: if it is not such a position.
+    """
+    x, y, z = _check_length(name, value, 3, "x, y and z in metres")
     low = -MAX_METRES
     high = MAX_METRES
     return (
@@ -84,7 +112,8 @@ def check_point(name: str, value: Any) -> tuple[float, float, float]:
     )
 
 
-def _as_many(name: str, value: Any, count: int, description: str) -> Sequence[Any]:
+def _check_length(name: str, value: Any, count: int, description: str) -> Sequence[Any]:
+    """Check that a value is a sequence of ``count`` elements, as ``description`` says in the error; return it."""
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
         raise WorldError(f"{name} is {value!r}; it must be {description}")
     return value

@@ -26,11 +26,16 @@ class Pose:
     yaw_rad: float
 
 
-_BELOW_FLOOR_M = 1.0  # so far below a floor, a body on stairs already belongs to it
+_BELOW_FLOOR_M = 1.0  # a body on stairs belongs to the floor above it from this far below it
 
 
 def floor_at(levels: Sequence[float], y: float) -> int:
-    """Return the number of the floor, of floors at some heights from below, to which a height belongs."""
+    """Return the number of the floor to which a height belongs, counted from 0 at the bottom.
+
+    Args:
+        levels: the heights of the floors in metres, from the lowest to the highest.
+        y: the height in metres. A height below every floor belongs to floor 0.
+    """
     below = [number for number, level in enumerate(levels) if level <= y + _BELOW_FLOOR_M]
     return below[-1] if below else 0
 
@@ -79,15 +84,20 @@ def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float
         is_wall: bool[width, height], indexed by column and row; cell (c, r) is the unit square centred on (c, r).
     """
     solid = np.pad(is_wall, 1)
-    upright = _runs(solid[1:, 1:-1] != solid[:-1, 1:-1])
-    level = _runs((solid[1:-1, 1:] != solid[1:-1, :-1]).T)
+    upright = _join_faces(solid[1:, 1:-1] != solid[:-1, 1:-1])
+    level = _join_faces((solid[1:-1, 1:] != solid[1:-1, :-1]).T)
     walls = [(edge, start, edge, end) for edge, start, end in upright]
     walls += [(start, edge, end, edge) for edge, start, end in level]
     return tuple(walls)
 
 
-def _runs(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:
-    """Join adjacent faces of a wall into the longest possible runs (line, start, end), in cells."""
+def _join_faces(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:
+    """Join adjacent faces of walls into the longest possible segments (line, start, end), in cells.
+
+    Args:
+        edges: bool[line, cell], whether the wall has a face on a line of the grid, along a cell. As cells are centred
+            on whole numbers, line n lies at n - 0.5.
+    """
     padded = np.pad(edges, ((0, 0), (1, 1))).astype(np.int8)
     turns = np.diff(padded, axis=1)
     starts = np.argwhere(turns == 1)

@@ -32,7 +32,7 @@ _MASK64 = (1 << 64) - 1
 
 
 def read_rng_state(generator: np.random.Generator, rng_state: RngState) -> None:
-    """Copy a NumPy generator's state into six words.
+    """Copy the state of a NumPy generator into ``rng_state``, uint64[6].
 
     Raises:
         WorldError: if the generator is not a PCG64, which is what Gymnasium's ``np_random`` always is.
@@ -53,7 +53,7 @@ def read_rng_state(generator: np.random.Generator, rng_state: RngState) -> None:
 
 
 def write_rng_state(rng_state: RngState, generator: np.random.Generator) -> None:
-    """Set a NumPy generator to the state in six words."""
+    """Set a NumPy generator of type PCG64 to the state in ``rng_state``, uint64[6]."""
     high, low, increment_high, increment_low, has_half, half = rng_state.tolist()
     generator.bit_generator.state = {
         "bit_generator": "PCG64",

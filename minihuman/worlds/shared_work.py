@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from minihuman.worlds.kernels import int64, kernel, llvm_function
 
 Counters = NDArray[np.int64]
-# Counters, each in a cache line of its own: how many parts are done, and taken, of each thread's share if it has one.
+# Indices of the counters, each in a separate cache line: the number of parts that are done, and the number that are
+# taken. If each thread has a share of the parts, each share has such a counter, APART numbers after the previous one.
 DONE = 0
 TAKEN = 8
 APART = 8
-_PATIENCE = 20_000  # looks at a counter before a thread gives way, some tens of microseconds
-_plainly = threading.Lock()
+_PATIENCE = 20_000  # readings of a counter before a thread stops polling, some tens of microseconds
+_plain_lock = threading.Lock()
 
 
 def _add(builder: Any, arguments: Any) -> Any:
@@ -31,18 +32,18 @@ def _add(builder: Any, arguments: Any) -> Any:
 
 
 def _add_plain(counters: Counters, at: int, number: int) -> int:
-    with _plainly:
+    with _plain_lock:
         counters[at] += number
         return int(counters[at]) - number
 
 
-# add to a counter; what it was before
+# Adds a number to a counter; returns the counter's earlier value.
 add_to_counter = llvm_function(_add, _add_plain, counts=True)
 
 
 @kernel("(int64[::1], int64, int64)", hold_gil=True)
 def count(counters: Counters, at: int, number: int) -> None:
-    """Add a number to a counter."""
+    """Add a number to a counter atomically."""
     add_to_counter(counters, at, number)
 
 
@@ -68,10 +69,10 @@ def share_work(work: Callable[..., Any], arguments: tuple[Any, ...], parts: int,
     """
     counters = np.zeros(TAKEN + APART * (1 + helpers), np.int64)
     threads = helper_threads(os.getpid())
-    helping = [threads.submit(work, counters, *arguments, 1 + nth) for nth in range(helpers)]
+    futures = [threads.submit(work, counters, *arguments, 1 + nth) for nth in range(helpers)]
     try:
         work(counters, *arguments, 0)
     finally:
-        if not finished(counters, parts):
-            for future in helping:
+        if not finished(counters, parts):  # a thread is still at work, or has failed and raises its error here
+            for future in futures:
                 future.result()

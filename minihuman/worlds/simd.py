@@ -66,7 +66,7 @@ class NumpyOperations:
         return self.pairs(array, places[first : first + count])
 
     def fetch(self, array: Array, at: Any, by: int) -> None:
-        """Prefetch the element ``by`` further than every fourth of the given indices; it may lie outside the array."""
+        """Prefetch the element ``by`` after every fourth of the given indices; it may lie outside the array."""
 
     def prefetch(self, array: Array, at: int) -> None:
         """Prefetch the element at an index into the nearest cache; the index may lie outside the array."""

@@ -15,7 +15,7 @@ _13 = np.uint64(13)
 _15 = np.uint64(15)
 _16 = np.uint64(16)
 _32 = np.uint64(32)
-# odd, so that no two values meet in one step
+# odd, so that multiplication by them modulo 2**32 is one-to-one
 _A = np.uint64(0x9E3779B1)
 _B = np.uint64(0x85EBCA77)
 

@@ -39,7 +39,7 @@ def action_number(action: Any) -> int | None:
         scalar = action.item()
     else:
         scalar = action
-    if isinstance(scalar, float | np.floating) and scalar == scalar // 1:
+    if isinstance(scalar, float | np.floating) and scalar == scalar // 1:  # false for infinity: inf // 1 is NaN
         return int(scalar)
     return whole_number(scalar)
 
@@ -57,7 +57,7 @@ def check_action(action: Any, count: int) -> int:
 
 
 def step_limit_of(env: "gymnasium.Env[Any, Any]") -> int | None:
-    """Return a world's step limit: the lower of its own and that of Gymnasium's registry; None without either."""
+    """Return the lower of a world's own step limit and the limit in its Gymnasium spec; None if it has neither."""
     limits = (getattr(env.unwrapped, "max_steps", None), env.spec.max_episode_steps if env.spec else None)
     return min((int(limit) for limit in limits if limit is not None), default=None)
 

@@ -13,12 +13,12 @@ from minihuman.worlds.kernels import device_function, kernel
 
 LARGEST_RAD = 500_000.0  # of an angle; beyond, products of whole quarter turns are not exact
 _SPLITTER = 134217729.0  # 2**27 + 1
-_TERMS = 14
-# pi / 2, in three parts whose product with a whole number below 2**20 is exact, and the rest
+_TERMS = 14  # of a series; up to an eighth of a turn, the next term is below 2**-100
+# pi / 2, rounded to 256 bits
 _HALF_PI = Fraction(0xC90FDAA22168C234C4C6628B80DC1CD129024E088A67CC74020BBEA63B139B22, 1 << 255)
 
 
-def _parts(number: Fraction, bits: int, count: int) -> tuple[float, ...]:
+def _split(number: Fraction, bits: int, count: int) -> tuple[float, ...]:
     """Split a number between 1 and 2 into ``count`` doubles of ``bits`` bits each, and one more for the remainder."""
     parts = []
     for nth in range(1, count + 1):
@@ -28,18 +28,23 @@ def _parts(number: Fraction, bits: int, count: int) -> tuple[float, ...]:
     return *parts, float(number)
 
 
-_PI_1, _PI_2, _PI_3, _PI_4 = _parts(_HALF_PI, 32, 3)
+# the product of each of the first three parts with a whole number below 2**20 is exact
+_PI_1, _PI_2, _PI_3, _PI_4 = _split(_HALF_PI, 32, 3)
 _QUARTERS_PER_RAD = float(1 / _HALF_PI)
 
 
-def _series(first: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return Taylor coefficients in powers of the squared angle, highest first, and their rounding errors."""
+def _taylor_series(first: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return Taylor coefficients in powers of the squared angle, highest first, and their rounding errors.
+
+    Args:
+        first: the exponent of the first term: 1 for the sine, 0 for the cosine.
+    """
     exact = [Fraction((-1) ** k, factorial(2 * k + first)) for k in range(_TERMS)][::-1]
     return tuple(map(float, exact)), tuple(float(number - Fraction(float(number))) for number in exact)
 
 
-_SINE, _SINE_REST = _series(1)
-_COSINE, _COSINE_REST = _series(0)
+_SINE, _SINE_REST = _taylor_series(1)
+_COSINE, _COSINE_REST = _taylor_series(0)
 
 
 @device_function()
@@ -65,14 +70,14 @@ def multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 @device_function()
 def multiply(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """Return the product of two double-double numbers."""
+    """Return the product of two double-double numbers, each the sum of a double and its ``rest``, as a third."""
     product, error = multiply_exactly(a, b)
     return add_exactly(product, error + (a * b_rest + a_rest * b))
 
 
 @device_function()
 def add(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]:
-    """Return the sum of two double-double numbers."""
+    """Return the sum of two double-double numbers, each the sum of a double and its ``rest``, as a third."""
     total, error = add_exactly(a, b)
     low_sum, low_error = add_exactly(a_rest, b_rest)
     total, error = add_exactly(total, error + low_sum)
@@ -81,7 +86,7 @@ def add(a: float, a_rest: float, b: float, b_rest: float) -> tuple[float, float]
 
 @device_function()
 def wave(angle_rad: float, quarters: int) -> float:
-    """Return the sine of an angle plus ``quarters`` quarter turns."""
+    """Return the sine of an angle plus ``quarters`` quarter turns; NaN for an angle beyond `LARGEST_RAD`."""
     if not -LARGEST_RAD <= angle_rad <= LARGEST_RAD:
         return angle_rad * 0.0 + float("nan")
     if angle_rad == 0.0 and quarters == 0:

@@ -24,7 +24,9 @@ def is_catalogue_class(kind: type) -> bool:
 
 
 class _UpstreamName(ReadOnlyName):
-    """An attribute of upstream's, read from the current state. Setting it changes the state, or is refused with advice.
+    """An attribute of upstream's worlds, read from the current state.
+
+    Setting it changes the state if there is a function ``write``. Otherwise it raises an error that ends in ``advice``.
 
     A user's own world may define the attribute itself, in its class or on an instance.
     """
@@ -47,7 +49,7 @@ class _UpstreamName(ReadOnlyName):
     def __get__(self, world: Any, owner: Any = None) -> Any:
         if world is None:
             return self
-        if world._is_made:  # asked first: `vars` slows later reads of every attribute of the world
+        if world._is_made:  # tested before `vars`, which slows later reads of every attribute of the world
             return self._read(world)
         attributes = vars(world)
         if self._name in attributes:
@@ -68,7 +70,7 @@ class _UpstreamName(ReadOnlyName):
 
 
 if TYPE_CHECKING:
-    UpstreamName = property  # which is what it is to a reader of types
+    UpstreamName = property  # type checkers treat it as one
 else:
     UpstreamName = _UpstreamName
 
@@ -79,7 +81,7 @@ def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], Any]:
 
 
 class _ReadName:
-    """An attribute whose value, or error, a function provides. `__getattr__` would slow down every other attribute."""
+    """An attribute that a function reads or refuses with an error. `__getattr__` would slow down all others."""
 
     def __init__(self, name: str, read: Callable[[Any, str], Any]) -> None:
         self._name = name
@@ -143,7 +145,7 @@ def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) 
 
 
 def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) -> None:
-    """Refuse to replace an upstream method by another function, because our steps would not call it.
+    """Refuse to replace a method of an upstream world by another function, because our steps would not call it.
 
     Raises:
         WorldAttributeError: if the name is one of these methods.
@@ -155,6 +157,6 @@ def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) ->
 
 
 def missing_name(world: Any, name: str, instead: Mapping[str, str]) -> WorldAttributeError:
-    """Return the error for an attribute that a world does not have; it names the replacement of upstream's."""
+    """Return the error for an attribute that a world does not have, with the advice of ``instead`` on this name."""
     advice = f"; {instead[name]}" if name in instead else ""
     return WorldAttributeError(f"{type(world).__name__!r} object has no attribute {name!r}{advice}")

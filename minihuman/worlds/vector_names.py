@@ -15,7 +15,7 @@ from minihuman.worlds.upstream_names import WorldAttributeError
 class VectorNames(abc.ABC):
     """Mixin that gives a batch of worlds `get_attr`, `call` and `set_attr`."""
 
-    readable: ClassVar[frozenset[str]]  # attributes that `get_attr` gives
+    readable: ClassVar[frozenset[str]]  # attributes that `get_attr` returns
     methods: ClassVar[frozenset[str]]  # methods that `call` calls
     settable: ClassVar[frozenset[str]]  # attributes that `set_attr` sets
     num_envs: int
@@ -37,7 +37,7 @@ class VectorNames(abc.ABC):
         return name in self.readable
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of each world.
+        """Return an attribute of each world, or call a method of each without arguments and return the results.
 
         Raises:
             WorldAttributeError: if the batch does not support reading this attribute.
@@ -79,8 +79,8 @@ class VectorNames(abc.ABC):
             self.restore(before)
             raise
 
-    def _unknown_name(self, name: str, known: frozenset[str]) -> WorldAttributeError:
+    def _unknown_name(self, name: str, names: frozenset[str]) -> WorldAttributeError:
         return WorldAttributeError(
-            f"a batch does not have {name!r} of each world; use one of {', '.join(sorted(known))}, or make the batch "
+            f"a batch does not have {name!r} of each world; use one of {', '.join(sorted(names))}, or make the batch "
             "with vectorization_mode='sync'"
         )

@@ -26,8 +26,8 @@ from minihuman.worlds.kernel_sources import COMPILERS, ArrayStart, KernelSource
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-_FOR_NUMBA: dict[int, dict[str, Any]] = {}  # what a module's kernels find by name, by the id of what its Python finds
-BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of this process
+_FOR_NUMBA: dict[int, dict[str, Any]] = {}  # by the id of a module's globals: these globals, with kernels compiled
+BUILDING = "MINIHUMAN_BUILDING"  # an environment variable, set if Python calls no kernel in this process
 
 
 def compiled(source: KernelSource) -> Any:
@@ -60,7 +60,7 @@ def _for_numba(names: dict[str, Any]) -> dict[str, Any]:
     return replaced
 
 
-def _passed_as(kind: Any) -> Any:
+def _argument_type(kind: Any) -> Any:
     """Return Numba's type for an argument of vector code: arrays keep their type, numbers have 64 bits."""
     if isinstance(kind, types.Array):
         return kind
@@ -73,7 +73,7 @@ def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, count
     """Return the Numba implementation of `minihuman.worlds.kernels.llvm_function`."""
 
     def typed(context: Any, *arguments: Any) -> Any:
-        kinds = [_passed_as(argument) for argument in arguments]
+        kinds = [_argument_type(argument) for argument in arguments]
 
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             typed_values = []
@@ -133,18 +133,19 @@ def llvm_operations(builder: Any) -> "_Operations":
 
 
 def llvm_arguments(builder: Any, typed_values: Sequence[tuple[str, Any]]) -> list[Any]:
-    """Convert the arguments of vector code: numbers become vectors of their kind, arrays are unchanged."""
+    """Convert the arguments of vector code: numbers become a `SimdVector` of their kind, arrays are unchanged."""
     return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in typed_values]
 
 
-def _operator(integer_instruction: str, real_instruction: str, *, turned: bool = False) -> Any:
-    """Return a method that emits the integer or real instruction; if ``turned``, the operands are swapped."""
+def _operator(integer_instruction: str, real_instruction: str, *, is_swapped: bool = False) -> Any:
+    """Return a method that emits the integer or real instruction; if ``is_swapped``, with its operands swapped."""
 
-    def add(self: "SimdVector", other: Any) -> "SimdVector":
-        a, b = (self._like(other), self.value) if turned else (self.value, self._like(other))
-        return self._with(getattr(self.builder, real_instruction if self.kind in _REAL else integer_instruction)(a, b))
+    def emit(self: "SimdVector", other: Any) -> "SimdVector":
+        a, b = (self._operand(other), self.value) if is_swapped else (self.value, self._operand(other))
+        instruction = real_instruction if self.kind in _REAL else integer_instruction
+        return self._with(getattr(self.builder, instruction)(a, b))
 
-    return add
+    return emit
 
 
 class SimdVector:
@@ -161,9 +162,11 @@ class SimdVector:
         return int(self.value.type.count)
 
     def _with(self, value: Any, kind: str | None = None) -> "SimdVector":
+        """Return a vector with another LLVM value and, if ``kind`` is given, another kind."""
         return SimdVector(self.builder, value, kind or self.kind)
 
-    def _like(self, other: Any) -> Any:
+    def _operand(self, other: Any) -> Any:
+        """Return LLVM's value of a vector, or of a Python number as a constant of this vector's type."""
         if isinstance(other, SimdVector):
             return other.value
         if self.kind in _REAL:
@@ -176,9 +179,9 @@ class SimdVector:
     __add__ = _operator("add", "fadd")
     __mul__ = _operator("mul", "fmul")
     __sub__ = _operator("sub", "fsub")
-    __rsub__ = _operator("sub", "fsub", turned=True)
+    __rsub__ = _operator("sub", "fsub", is_swapped=True)
     __truediv__ = _operator("", "fdiv")
-    __rtruediv__ = _operator("", "fdiv", turned=True)
+    __rtruediv__ = _operator("", "fdiv", is_swapped=True)
     __and__ = _operator("and_", "")
     __or__ = _operator("or_", "")
     __xor__ = _operator("xor", "")
@@ -186,11 +189,12 @@ class SimdVector:
     __rshift__ = _operator("lshr", "")
 
     def _compare(self, sign: str, other: Any) -> "SimdVector":
+        """Emit a comparison, lane by lane; numbers that are not floating-point are compared as unsigned."""
         if self.kind in _REAL:
             compare = self.builder.fcmp_ordered
         else:
             compare = self.builder.icmp_unsigned
-        return self._with(compare(sign, self.value, self._like(other)), BOOL)
+        return self._with(compare(sign, self.value, self._operand(other)), BOOL)
 
     def __lt__(self, other: Any) -> "SimdVector":
         return self._compare("<", other)
@@ -204,40 +208,45 @@ class SimdVector:
     __hash__ = None  # type: ignore[assignment]
 
 
-def _vector(kind: str, count: int) -> ir.VectorType:
+def _vector_type(kind: str, count: int) -> ir.VectorType:
+    """Return LLVM's type of a vector of ``count`` numbers of a kind."""
     real = {F64: ir.DoubleType(), F32: ir.FloatType()}
     return ir.VectorType(real.get(kind) or ir.IntType(_BITS[kind]), count)
 
 
 class _Operations:
+    """The vector operations of `minihuman.worlds.simd.NumpyOperations`, as instructions that LLVM's builder emits."""
+
     def __init__(self, builder: Any) -> None:
         self._builder = builder
 
-    def _whole(self, value: Any) -> Any:
+    def _llvm_int64(self, value: Any) -> Any:
+        """Return LLVM's value of a whole number, which is a Python number or a `SimdVector` without lanes."""
         if isinstance(value, int):
             return ir.Constant(_WHOLE, value)
         return value.value
 
-    def _place(self, array: Any, at: Any, kind: str, count: int) -> Any:
-        place = self._builder.gep(array.start, [self._whole(at)])
-        return self._builder.bitcast(place, _vector(kind, count).as_pointer())
+    def _vector_pointer(self, array: Any, at: Any, kind: str, count: int) -> Any:
+        """Return a pointer to the vector of ``count`` elements that begins at an index of an array."""
+        pointer = self._builder.gep(array.start, [self._llvm_int64(at)])
+        return self._builder.bitcast(pointer, _vector_type(kind, count).as_pointer())
 
-    def _call(self, name: str, result: Any, *arguments: Any) -> Any:
+    def _call_intrinsic(self, name: str, result: Any, *arguments: Any) -> Any:
         kind = ir.FunctionType(result, [argument.type for argument in arguments])
         return self._builder.call(self._builder.module.declare_intrinsic(name, (), kind), arguments)
 
     def load(self, array: Any, at: Any, count: int) -> SimdVector:
         kind = {"int32": U32, "int16": U16}.get(array.kind, array.kind)
-        values = self._builder.load(self._place(array, at, kind, count), align=_BITS[kind] // 8)
+        values = self._builder.load(self._vector_pointer(array, at, kind, count), align=_BITS[kind] // 8)
         return SimdVector(self._builder, values, kind)
 
     def load_16(self, array: Any, at: Any, count: int) -> SimdVector:
         values = self.load(array, at, count).value
-        return SimdVector(self._builder, self._builder.trunc(values, _vector(U16, count)), U16)
+        return SimdVector(self._builder, self._builder.trunc(values, _vector_type(U16, count)), U16)
 
     def store(self, array: Any, at: Any, values: SimdVector) -> None:
-        place = self._place(array, at, values.kind, values.count)
-        self._builder.store(values.value, place, align=_BITS[values.kind] // 8)
+        pointer = self._vector_pointer(array, at, values.kind, values.count)
+        self._builder.store(values.value, pointer, align=_BITS[values.kind] // 8)
 
     def pairs(self, array: Any, at: SimdVector) -> tuple[SimdVector, SimdVector]:
         build = self._builder
@@ -248,24 +257,27 @@ class _Operations:
 
     def pairs_at(self, array: Any, places: Any, first: Any, count: int) -> tuple[SimdVector, SimdVector]:
         build = self._builder
-        start = build.gep(places.start, [self._whole(first)])
+        start = build.gep(places.start, [self._llvm_int64(first)])
         lanes = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
         return self._pairs(array, lanes)
 
     def _pairs(self, array: Any, numbers: Sequence[Any]) -> tuple[SimdVector, SimdVector]:
+        """Load the elements at some indices, LLVM's values, and the elements that follow them, for `pairs`."""
         build = self._builder
         count = len(numbers)
-        # two pixels in turn, so that what belongs together is one shuffle within each sixteen bytes; as float64, which
-        # one instruction loads into the upper half
+        # Lanes 0, 1, 4, 5, ... are loaded into the first part, lanes 2, 3, 6, 7, ... into the second, so that each
+        # result is one shuffle within every sixteen bytes. A pair is loaded as one float64, which one instruction loads
+        # into the upper half of sixteen bytes.
         parts = []
         for odd in (0, 2):
             lanes = [lane for lane in range(count) if lane & 2 == odd]
-            vector = ir.Constant(_vector(F64, count // 2), ir.Undefined)
+            vector = ir.Constant(_vector_type(F64, count // 2), ir.Undefined)
             for at, lane in enumerate(lanes):
                 place = build.gep(array.start, [build.zext(numbers[lane], _WHOLE)])
                 pixel_pair = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
                 vector = build.insert_element(vector, pixel_pair, ir.Constant(ir.IntType(32), at))
-            parts.append(build.bitcast(vector, _vector(U32, count)))
+            parts.append(build.bitcast(vector, _vector_type(U32, count)))
+        # by lane: the index of its first element in the two parts, one after the other
         order = [(lane & 2) // 2 * count + lane // 4 * 4 + lane % 2 * 2 for lane in range(count)]
         first_pixels, second_pixels = (
             _shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1)
@@ -275,56 +287,61 @@ class _Operations:
     def fetch(self, array: Any, at: SimdVector, by: Any) -> None:
         build = self._builder
         short = ir.IntType(32)
-        start = build.gep(array.start, [self._whole(by)])
-        for lane in range(0, at.count, 4):
+        start = build.gep(array.start, [self._llvm_int64(by)])
+        for lane in range(0, at.count, 4):  # neighbours are mostly in the same cache line
             number = build.extract_element(at.value, ir.Constant(short, lane))
             self._prefetch(build.gep(start, [build.zext(number, _WHOLE)]), 2)
 
     def prefetch(self, array: Any, at: Any) -> None:
-        self._prefetch(self._builder.gep(array.start, [self._whole(at)]), 3)
+        self._prefetch(self._builder.gep(array.start, [self._llvm_int64(at)]), 3)
 
-    def _prefetch(self, place: Any, level: int) -> None:
+    def _prefetch(self, pointer: Any, locality: int) -> None:
+        """Emit LLVM's prefetch instruction; ``locality`` is 3 for the nearest cache, and less for farther ones."""
         build = self._builder
         short = ir.IntType(32)
-        hints = [ir.Constant(short, hint) for hint in (0, level, 1)]  # to be read, how near, and it is data
-        self._call("llvm.prefetch.p0", ir.VoidType(), build.bitcast(place, ir.IntType(8).as_pointer()), *hints)
+        hints = [ir.Constant(short, hint) for hint in (0, locality, 1)]  # for reading; the cache; of data
+        byte_pointer = build.bitcast(pointer, ir.IntType(8).as_pointer())
+        self._call_intrinsic("llvm.prefetch.p0", ir.VoidType(), byte_pointer, *hints)
 
     def count_from(self, first: Any, count: int, by: int) -> SimdVector:
         build = self._builder
-        start = _splat(build, build.sitofp(self._whole(first), ir.DoubleType()), count)
-        steps = ir.Constant(_vector(F64, count), [float(by * lane) for lane in range(count)])
+        start = _splat(build, build.sitofp(self._llvm_int64(first), ir.DoubleType()), count)
+        steps = ir.Constant(_vector_type(F64, count), [float(by * lane) for lane in range(count)])
         return SimdVector(build, build.fadd(start, steps), F64)
 
     def these(self, values: Sequence[float]) -> SimdVector:
-        return SimdVector(self._builder, ir.Constant(_vector(F64, len(values)), list(values)), F64)
+        return SimdVector(self._builder, ir.Constant(_vector_type(F64, len(values)), list(values)), F64)
 
     def all_of(self, value: Any, count: int) -> SimdVector:
         return SimdVector(self._builder, _splat(self._builder, value.value, count), F64)
 
     def steps(self, count: int) -> SimdVector:
-        return SimdVector(self._builder, ir.Constant(_vector(F32, count), [float(lane) for lane in range(count)]), F32)
+        return SimdVector(
+            self._builder, ir.Constant(_vector_type(F32, count), [float(lane) for lane in range(count)]), F32
+        )
 
     def single(self, value: Any, count: int) -> SimdVector:
         short = self._builder.fptrunc(value.value, ir.FloatType())
         return SimdVector(self._builder, _splat(self._builder, short, count), F32)
 
     def fixed(self, value: Any, count: int) -> SimdVector:
-        short = self._builder.trunc(self._whole(value), ir.IntType(32))
+        short = self._builder.trunc(self._llvm_int64(value), ir.IntType(32))
         return SimdVector(self._builder, _splat(self._builder, short, count), U32)
 
-    def _rounded(self, name: str, values: SimdVector) -> SimdVector:
-        kind = values.value.type
-        named = f"llvm.{name}.v{values.count}f{_BITS[values.kind]}"
-        return SimdVector(self._builder, self._call(named, kind, values.value), values.kind)
+    def _map(self, name: str, values: SimdVector) -> SimdVector:
+        """Call an LLVM intrinsic function that maps each lane of a floating-point vector to one of the same type."""
+        vector_type = values.value.type
+        full_name = f"llvm.{name}.v{values.count}f{_BITS[values.kind]}"
+        return SimdVector(self._builder, self._call_intrinsic(full_name, vector_type, values.value), values.kind)
 
     def floor(self, values: SimdVector) -> SimdVector:
-        return self._rounded("floor", values)
+        return self._map("floor", values)
 
     def ceil(self, values: SimdVector) -> SimdVector:
-        return self._rounded("ceil", values)
+        return self._map("ceil", values)
 
     def size(self, values: SimdVector) -> SimdVector:
-        return self._rounded("fabs", values)
+        return self._map("fabs", values)
 
     def larger(self, a: SimdVector, b: Any) -> SimdVector:
         return self.where(a > b, a, b)
@@ -333,38 +350,39 @@ class _Operations:
         return self.where(a < b, a, b)
 
     def where(self, chosen: SimdVector, a: Any, b: Any) -> SimdVector:
-        like = a if isinstance(a, SimdVector) else b
-        return SimdVector(self._builder, self._builder.select(chosen.value, like._like(a), like._like(b)), like.kind)
+        vector = a if isinstance(a, SimdVector) else b
+        selected = self._builder.select(chosen.value, vector._operand(a), vector._operand(b))
+        return SimdVector(self._builder, selected, vector.kind)
 
     def cut(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.fptosi(values.value, _vector(U32, values.count)), U32)
+        return SimdVector(self._builder, self._builder.fptosi(values.value, _vector_type(U32, values.count)), U32)
 
     def real(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F64, values.count)), F64)
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector_type(F64, values.count)), F64)
 
     def short(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F32, values.count)), F32)
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector_type(F32, values.count)), F32)
 
     def view(self, values: SimdVector, kind: str) -> SimdVector:
-        kinds = _vector(kind, _BITS[values.kind] * values.count // _BITS[kind])
+        kinds = _vector_type(kind, _BITS[values.kind] * values.count // _BITS[kind])
         return SimdVector(self._builder, self._builder.bitcast(values.value, kinds), kind)
 
     def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
         build = self._builder
-        wide = _vector(U32, a.count)
+        wide = _vector_type(U32, a.count)
         product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
         half = build.lshr(product, ir.Constant(wide, [16] * a.count))
         return SimdVector(build, build.trunc(half, a.value.type), U16)
 
     def number(self, array: Any, at: int) -> SimdVector:
-        place = self._builder.gep(array.start, [self._whole(at)])
-        return SimdVector(self._builder, self._builder.sext(self._builder.load(place), _WHOLE), I64)
+        pointer = self._builder.gep(array.start, [self._llvm_int64(at)])
+        return SimdVector(self._builder, self._builder.sext(self._builder.load(pointer), _WHOLE), I64)
 
     def these_16(self, values: Sequence[int]) -> SimdVector:
-        return SimdVector(self._builder, ir.Constant(_vector(U16, len(values)), list(values)), U16)
+        return SimdVector(self._builder, ir.Constant(_vector_type(U16, len(values)), list(values)), U16)
 
     def fixed_16(self, value: Any, count: int) -> SimdVector:
-        short = self._builder.trunc(self._whole(value), ir.IntType(16))
+        short = self._builder.trunc(self._llvm_int64(value), ir.IntType(16))
         return SimdVector(self._builder, _splat(self._builder, short, count), U16)
 
     def shuffled(self, first: SimdVector, lanes: Sequence[int], second: SimdVector | None = None) -> SimdVector:
@@ -376,16 +394,18 @@ class _Operations:
         return SimdVector(self._builder, self._builder.zext(bits, _WHOLE), I64)
 
     def spread_bytes(self, number: SimdVector) -> SimdVector:
-        short = self._builder.bitcast(number.value, _vector(U8, 8))
+        short = self._builder.bitcast(number.value, _vector_type(U8, 8))
         twice = _shuffle(self._builder, short, short, range(16))
-        return SimdVector(self._builder, self._builder.zext(twice, _vector(U16, 16)), U16)
+        return SimdVector(self._builder, self._builder.zext(twice, _vector_type(U16, 16)), U16)
 
 
 def _splat(builder: Any, value: Any, count: int) -> Any:
+    """Emit a vector with the same LLVM value in every lane."""
     kind = ir.VectorType(value.type, count)
     single = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(single, single, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
 
 
 def _shuffle(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:
+    """Emit a vector of chosen lanes of two vectors; lanes of ``b`` are numbered after those of ``a``."""
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), list(lanes)))

@@ -25,23 +25,23 @@ from minihuman.worlds.first_person.rules import (
 )
 from minihuman.worlds.kernels import array_at, device_function, int64, kernel
 
-# The columns of a row: address and length of the arrays of `rules.act`; the address of the view that sees the world,
-# and how many spans of a row there is memory for.
+# The columns of a row: the address and the length of each array of `rules.act`; the address of the view of the world;
+# and the number of spans per row of the picture for which there is memory.
 THINGS = 0
 NUMBERS = 2
 WALLS = 4
 VIEW = 6
 SPANS = 7
 ROW_SIZE = 8
-# Of a world's own numbers: where its agent is and heads; cosine and sine of that, and of the heading after a turn; what
-# the step earned; and how far before the middle of the body its eye is, metres.
+# Of a world's own numbers: the agent's x, y, z and heading; the cosine and sine of the heading; those of the heading
+# after a turn; the reward of the step; and how far the eye is ahead of the body's middle, metres.
 HEADING = 3
 NOW = 4
 AFTER = 6
 EARNED = 8
 AHEAD = 9
 OWN_SIZE = 10
-# Of a row of commands: the components of `motion_kernels`, then what the hands do, an action, or one of these
+# Of a row of commands: the components of `motion_kernels`, then the action of the hands, or one of these
 USE = COMMAND_SIZE
 NOTHING = -1
 SKIPPED = -2  # the world makes no step
@@ -53,7 +53,8 @@ _floats_at = array_at(np.float64)
 def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDArray[np.int64]) -> None:
     """Step each world whose action is not negative, as `rules.act` does, and aim its view as `RenderTarget` does.
 
-    The view already contains its pitch and all else that a step does not change. The other worlds' status becomes -1.
+    ``rows`` are (n, ROW_SIZE), ``own`` are (n, OWN_SIZE). The view already contains its pitch and all else that a step
+    does not change. The other worlds' status becomes -1.
     """
     for nth in range(len(actions)):
         action = actions[nth]
@@ -86,8 +87,8 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
 def move_together(rows: I64, commands: F64, own: F64, statuses: NDArray[np.int64]) -> None:
     """Step each world by its command, as `motion_kernels.step_freely` does, and aim its view.
 
-    ``commands`` are (n, COMMAND_SIZE + 1). A world that is skipped gets the status -1. No action of the hands turns the
-    body, or a world is not stepped here.
+    ``commands`` are (n, COMMAND_SIZE + 1). A world that is skipped gets the status -1. A world in which an action of
+    the hands turns the body must not be stepped here.
     """
     for nth in range(len(commands)):
         use = int64(commands[nth, USE])
@@ -116,7 +117,11 @@ def move_together(rows: I64, commands: F64, own: F64, statuses: NDArray[np.int64
 
 @device_function(nogil=True)
 def _aim(things: F64, numbers: NDArray[np.float64], facts: NDArray[np.float64], row: NDArray[np.int64]) -> None:
-    """Copy what a step led to into a world's own numbers, and aim its view."""
+    """Copy the agent's pose and the step's reward into a world's own numbers ``facts``, and aim its view.
+
+    Of the view, numbers 0 to 2 are the eye's position; 3 to 5, 6 to 8 and 9 to 11 are unit vectors to the right, up and
+    ahead.
+    """
     agent = int(numbers[AGENT])
     for column in range(HEADING + 1):
         facts[column] = things[agent, column]

@@ -49,19 +49,19 @@ from minihuman.worlds.rng import RngState
 from minihuman.worlds.trigonometry import wave
 
 RADIANS = math.pi / 180  # of a degree, as the eight actions have it
-# Components of a command, each -1 to 1: of the longest step ahead, of the widest turn to the left, of the longest step
-# to the right
+# Components of a command, each -1 to 1: the step ahead as a share of the longest step, the turn to the left as a share
+# of the widest turn, and the step to the right as a share of the longest step
 COMMAND_AHEAD, COMMAND_TURN, COMMAND_RIGHT = range(3)
 COMMAND_SIZE = 3
 
-_MOST_PUSHES = 4  # out of walls and entities, for one part of a move
-_CLEARANCE_M = 1e-9  # between the body and what pushed it out, so that rounding leaves no overlap
-_PART = 0.5  # of the body's radius: the length of a part of a move
+_MOST_PUSHES = 4  # the number of times that one part of a move is pushed out of walls and entities
+_CLEARANCE_M = 1e-9  # between the body and the obstacle that pushed it out, so that rounding leaves no overlap
+_PART = 0.5  # the length of a part of a move, as a share of the body's radius
 
 
 @device_function()
 def _find_nearest_wall(walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float, float]:
-    """Return the distance of the nearest point of a wall, and that point (x, z)."""
+    """Return the distance from (x, z) to the nearest point of a wall, and that point (x, z)."""
     nearest = math.inf
     near_x = x
     near_z = z
@@ -85,7 +85,10 @@ def _find_nearest_wall(walls: NDArray[np.float64], x: float, z: float) -> tuple[
 
 @device_function()
 def _push_out(things: Things, numbers: Numbers, walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float]:
-    """Return a place at which the agent no longer overlaps what it would overlap most at (x, z)."""
+    """Return a place at which the agent no longer overlaps the wall or entity that it would overlap most at (x, z).
+
+    That is (x, z) itself if it lies on a wall.
+    """
     agent = int(numbers[AGENT])
     radius = things[agent, RADIUS]
     nearest, near_x, near_z = _find_nearest_wall(walls, x, z)
@@ -128,7 +131,10 @@ def _find_free_place(
 
 @device_function()
 def _load_fits(things: Things, numbers: Numbers, walls: NDArray[np.float64], ahead_x: float, ahead_z: float) -> bool:
-    """Return whether what the agent carries overlaps nothing where the agent is, with a heading."""
+    """Return whether the carried entity, if any, overlaps nothing with the agent where it is and a given heading.
+
+    The heading is the unit vector (ahead_x, ahead_z).
+    """
     carried = int(numbers[CARRIED])
     if carried < 0:
         return True
@@ -146,7 +152,7 @@ def _turn_to(
     ahead_x: float,
     ahead_z: float,
 ) -> bool:
-    """Turn the agent to a heading, unless what it carries would then overlap something; return whether it did."""
+    """Turn the agent to a heading, unless what it carries would then overlap something; return whether it turned."""
     if not _load_fits(things, numbers, walls, ahead_x, ahead_z):
         return False
     things[int(numbers[AGENT]), DIR] = heading
@@ -163,7 +169,10 @@ def _slide(
     ahead_x: float,
     ahead_z: float,
 ) -> bool:
-    """Move the agent by metres in the plan, along what stands in its way; return whether it moved."""
+    """Move the agent by (dx, dz) metres, sliding along obstacles, and what it carries; return whether it moved.
+
+    The heading is the unit vector (ahead_x, ahead_z).
+    """
     agent = int(numbers[AGENT])
     x0 = things[agent, X]
     z0 = things[agent, Z]
@@ -217,7 +226,7 @@ def move_by(
     cosine_after: float,
     sine_after: float,
 ) -> int:
-    """Turn the agent by radians to the left, then move it by metres in the plan; return the status of `rules.act`.
+    """Turn the agent to the left, then move it in the floor plan; return the status of `rules.act`.
 
     Args:
         things: the entities
@@ -242,7 +251,10 @@ def move_by(
 
 @device_function()
 def _find_velocity(numbers: Numbers, command: NDArray[np.float64]) -> tuple[float, float]:
-    """Return how fast the body goes ahead and to the right in this step, of the longest, and keep that."""
+    """Return the velocity ahead and to the right in this step, as shares of the longest step.
+
+    If the acceleration is limited, the velocity is also stored for the next step.
+    """
     ahead = command[COMMAND_AHEAD]
     right = command[COMMAND_RIGHT]
     length = math.sqrt(ahead * ahead + right * right)
@@ -278,10 +290,10 @@ def move_freely(
     cosine_after: float,
     sine_after: float,
 ) -> int:
-    """Do what a command asks of the body, which turns first; return the status of `rules.act`.
+    """Turn the agent and then move it, as a command says; return the status of `rules.act`.
 
-    Who goes ahead and sideways is no faster. With an acceleration, the velocity comes nearer to the one that is asked
-    for, by at most that in length.
+    A diagonal move is no faster than a straight one. If the acceleration is limited, the velocity approaches that of
+    the command by at most that much per step.
 
     Args:
         things: the entities
@@ -325,7 +337,7 @@ def step_freely(
 ) -> int:
     """Execute a whole step with our own sine and all of its random draws, as `rules.step`; return its status.
 
-    ``action`` is what the hands do after the move, one of the world's actions; -1 for nothing.
+    ``action`` is the world's action that the hands execute after the move; -1 for none.
     """
     numbers[STEPS] += 1.0
     draw_motion(numbers, rng_state)

@@ -33,48 +33,49 @@ MOST_ACTIONS = 16  # of a world
 Things = NDArray[np.float64]  # (n, COLUMNS)
 Numbers = NDArray[np.float64]
 
-# Columns of a thing: metres and radians; 1.0 if static, and if the radius is a float32; its number in the scene or -1.
+# Columns of a thing, in metres and radians; STATIC is 1.0 if it cannot be carried, SINGLE is 1.0 if its radius is a
+# float32, and LOOK is its number in the scene or -1.
 X, Y, Z, DIR, RADIUS, TALL, STATIC, SINGLE, LOOK = range(9)
 COLUMNS = 9
-# Of the numbers, -1 for none: things on the stage, the rows of the agent and of what it carries, steps, their limit,
-# and what the rule counts
+# Of the numbers: how many things are placed, the rows of the agent and of what it carries, the steps, their limit, and
+# the count that the rule keeps; -1 for none
 COUNT, AGENT, CARRIED, STEPS, STEP_LIMIT, SCORE = range(6)
-# the longest step; how high and how far before the body's middle its eye is, metres
+# in metres: the longest step; how high the eye is, and how far it is ahead of the body's middle
 REACH = 6
 EYE = 7
 CAMERA_AHEAD = 8
-# how the eye looks; the tangent is of half the angle
+# the eye's pitch, and the tangent of half its field of view
 COS_PITCH = 9
 SIN_PITCH = 10
 TAN_FOV = 11
-SHADOWS = 12  # after how many things of the scene their shadows come; 0 for none
-# how far a step goes and drifts, metres, and a turn turns, degrees
+SHADOWS = 12  # a thing's number in the scene plus this is that of its shadow; 0 for no shadows
+# how far a step goes ahead and drifts to the right, metres; the angle of a turn, degrees
 AHEAD = 13
 DRIFT = 14
 TURN_DEG = 15
-# their ranges, three numbers each
+# the lower and the upper bounds of these three
 LOW = 16
 HIGH = 19
-# 1.0 if they are drawn for each step, and if the rule or they need the random stream
+# 1.0 if these three are drawn for each step; 1.0 if they or the rule need the random stream
 VARIES = 22
 DRAWS = 23
 REWARD = 24  # of the step
-# which, and how many things and numbers it is about
+# the rule, and the number of its things and of its numbers
 RULE = 25
 RULE_THINGS = 26
 RULE_NUMBERS = 27
-NAMED = 28  # for each action of the world its own number, and eight times what it does
-GONE_ROW = NAMED + MOST_ACTIONS  # where the thing was that a step took off the stage
+NAMED = 28  # for each action of the world: its number in ACTIONS, plus eight times the number of the motion it makes
+GONE_ROW = NAMED + MOST_ACTIONS  # the row, before the step, of the thing that the step removed
 VELOCITY = GONE_ROW + 1  # of continuous motion with an acceleration: ahead and to the right, of the longest step
-ACCELERATION = VELOCITY + 2  # the most by which the velocity changes in a step; 0 for at once
+ACCELERATION = VELOCITY + 2  # the largest change of velocity in a step; 0 for no limit
 ARGUMENTS = ACCELERATION + 1  # rows of the rule's things, then its numbers
 
 NEVER, GOAL, TAKE_ALL, PUT_NEXT, HEALTH, SIGN, FACE = range(7)  # rules; `termination` says what they are
 # parts of a step
 ACT = 1
 JUDGE = 2
-# What came of a step: the agent or its heading changed, what it carries did or moved, a thing left the stage, and is to
-# be placed elsewhere
+# Bits of a step's status. MOVED: the agent's place or heading changed; HANDS: it carries something else; LOAD: the
+# carried thing moved; GONE: a thing was removed; PLACES: it is to be placed elsewhere.
 TERMINATED = 1
 TRUNCATED = 2
 MOVED = 4
@@ -109,7 +110,7 @@ def _blocker(
     radius: float,
     single: bool,
 ) -> int:
-    """Return the row of the first entity that one of a radius would touch at a place; WALL, or NOTHING."""
+    """Return the row of the first entity that ``thing``, with ``radius``, would overlap at (x, z); WALL, or NOTHING."""
     if touches_wall(walls, x, z, radius):
         return WALL
     for row in range(int(numbers[COUNT])):
@@ -125,7 +126,7 @@ def _blocker(
 
 @device_function()
 def _near(things: Things, numbers: Numbers, a: int, b: int) -> bool:
-    """Return whether two entities are within a step of touching."""
+    """Return whether the gap between two entities is below 1.1 times the longest step, as in Miniworld."""
     dx = things[a, X] - things[b, X]
     dy = things[a, Y] - things[b, Y]
     dz = things[a, Z] - things[b, Z]
@@ -136,7 +137,7 @@ def _near(things: Things, numbers: Numbers, a: int, b: int) -> bool:
 
 @device_function()
 def fits_at(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing: int, x: float, z: float) -> bool:
-    """Return whether an entity would touch nothing at a place."""
+    """Return whether an entity would overlap neither a wall nor another entity at (x, z)."""
     touched = _blocker(things, numbers, walls, thing, x, z, things[thing, RADIUS], things[thing, SINGLE] != 0.0)
     return touched == NOTHING
 
@@ -145,7 +146,10 @@ def fits_at(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing:
 def find_carried_place(
     things: Things, numbers: Numbers, thing: int, x: float, z: float, ahead_x: float, ahead_z: float
 ) -> tuple[float, float, float]:
-    """Return the position of a carried entity when the agent is at a place: ahead, below the picture's middle."""
+    """Return the position of a carried entity when the agent is at (x, z): ahead of it, below the picture's middle.
+
+    The numbers 0.3 and 1.05 are Miniworld's.
+    """
     agent = int(numbers[AGENT])
     single = things[agent, SINGLE] != 0.0 or things[thing, SINGLE] != 0.0
     distance = add_lengths(add_lengths(things[agent, RADIUS], things[thing, RADIUS], single), numbers[REACH], single)
@@ -155,7 +159,7 @@ def find_carried_place(
 
 @device_function()
 def _remove(things: Things, numbers: Numbers, row: int) -> None:
-    """Remove a placed entity and drop the load; the entity's new row follows that of the last placed one."""
+    """Remove a placed entity, so that the agent carries nothing; its row moves to after that of the last placed one."""
     last = int(numbers[COUNT]) - 1
     for column in range(COLUMNS):
         value = things[row, column]
@@ -174,12 +178,12 @@ def _move(
     things: Things,
     numbers: Numbers,
     walls: NDArray[np.float64],
-    ahead_x: float,
+    ahead_x: float,  # the heading as a unit vector
     ahead_z: float,
-    after_x: float,
+    after_x: float,  # the heading after a turn
     after_z: float,
     action: int,
-) -> int:
+) -> int:  # the status
     agent = int(numbers[AGENT])
     carried = int64(numbers[CARRIED])
     motion = int(numbers[NAMED + action]) >> 3
@@ -273,7 +277,7 @@ def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: floa
 
 @device_function()
 def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, named: int) -> int:
-    """Compute the reward of a step and whether it ended the episode; a rule can remove an entity."""
+    """Store the reward of a step, and return its status; a rule can remove an entity."""
     agent = int(numbers[AGENT])
     carried = int(numbers[CARRIED])
     rule = int(numbers[RULE])
@@ -360,12 +364,13 @@ def act(
 
 @device_function()
 def _uniform(rng_state: RngState, low: float, high: float) -> float:
+    """Draw a number in [low, high), as ``Generator.uniform`` does."""
     return low + (high - low) * (unit(rng_state) * _UNIT)
 
 
 @device_function()
 def draw_motion(numbers: Numbers, rng_state: RngState) -> None:
-    """Draw how far the next step goes, drifts and turns, if that varies."""
+    """Draw the length, the drift and the angle of a turn for the next step, if they vary."""
     if numbers[VARIES] != 0.0:
         for k in range(3):
             numbers[AHEAD + k] = _uniform(rng_state, numbers[LOW + k], numbers[HIGH + k])
@@ -389,7 +394,7 @@ def place_removed(
         while rooms[room, 0] <= share:
             room += 1
         x = _uniform(rng_state, rooms[room, 1] - radius, rooms[room, 2] + radius)
-        unit(rng_state)  # Miniworld draws a height too
+        unit(rng_state)  # Miniworld also draws a height
         z = _uniform(rng_state, rooms[room, 3] - radius, rooms[room, 4] + radius)
         inside = True
         for k in range(int(rooms[room, 5]), int(rooms[room, 6])):
@@ -441,7 +446,7 @@ def step(
 def look(
     things: Things, numbers: Numbers, places: NDArray[np.float64], view: NDArray[np.float64], width: int, height: int
 ) -> None:
-    """Write the places of the scene's entities, and the camera into a view of a size, as `RenderTarget` does."""
+    """Write the entities' poses to ``places``, and the camera of a picture of a size to ``view``, as `RenderTarget`."""
     shadows = int(numbers[SHADOWS])
     for k in range(len(places)):
         for column in range(5):

@@ -28,7 +28,7 @@ _B = np.uint64(0x85EBCA77)
 
 @device_function()
 def _stir_value(high_half: np.uint64, low_half: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """Return both halves of a digest with 64 bits more."""
+    """Mix 64 bits into the halves of a digest, and return the new halves."""
     for half in (word & _LOW, word >> _32):
         high_half = stir(high_half, half, _A, _15)
         low_half = stir(low_half, half, _B, _13)
@@ -37,7 +37,11 @@ def _stir_value(high_half: np.uint64, low_half: np.uint64, word: np.uint64) -> t
 
 @kernel("(float64[:, ::1], float64[::1], uint64[::1], uint64[::1])", hold_gil=True)
 def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome: NDArray[np.uint64]) -> np.uint64:
-    """Return the digest of the state after a step; ``outcome`` is as in the grid's `digest_step`."""
+    """Return the digest of the state after a step.
+
+    ``outcome`` is the bits of the reward as a float64, and how the episode ended: 0 not at all, 1 terminated, 2
+    truncated.
+    """
     high_half = _A
     low_half = _B
     rows = max(int(numbers[COUNT]), int(numbers[CARRIED]) + 1)

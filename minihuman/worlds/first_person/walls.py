@@ -33,21 +33,21 @@ def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) 
     return False
 
 
-# what of a room is covered
+# the surfaces of a room that have textures
 FLOOR = 0
 WALL = 1
 CEILING = 2
 
 
 def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
-    """Return the pieces of wall beside and above the portals; ``heights`` are those of the rooms."""
+    """Return the pieces of wall beside and above the portals, (n, 5); ``heights`` are those of the rooms."""
     pieces = np.zeros((len(edges) + 2 * len(portals), 5))
     return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
 
 
 @kernel("(int64[::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", nogil=True)
 def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
-    """Write the pieces of wall into ``pieces``, which is 0 before; return the number of pieces."""
+    """Write the pieces of wall to ``pieces``, which is 0 before; return the number of pieces."""
     count = 0
     portal = 0
     for room in range(len(heights)):
@@ -90,6 +90,7 @@ def corners_of(edges: F64, parts: F64) -> F64:
 
 @kernel("(float64[:, ::1], float64[:, ::1], float64[:, :, ::1])", nogil=True)
 def _turn(edges: F64, parts: F64, corners: F64) -> None:
+    """Write the corners of pieces or portals to ``corners``, in the order of `corners_of`."""
     for part in range(len(parts)):
         edge = int(parts[part, 0])
         for nth in range(4):
@@ -103,7 +104,9 @@ def _turn(edges: F64, parts: F64, corners: F64) -> None:
 def room_faces(
     first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64
 ) -> tuple[FaceTable, I32]:
-    """Build each room's floor, ceiling and pieces of wall, all white, and return the first face of each room.
+    """Return the faces of all rooms: floor, ceiling and pieces of wall, all white; and the first face of each room.
+
+    The second result has the number of faces as its last entry.
 
     ``textures`` are (rooms, 3): those of floor, wall and ceiling, -1 without a ceiling; ``sizes_m`` are (rooms, 3, 2):
     the metres right and up that each texture covers.
@@ -114,11 +117,15 @@ def room_faces(
     first_face = np.empty(rooms + 1, np.int32)
     _fill(first_edge, edges, heights, pieces, corners_of(edges, pieces), textures, sizes_m, table, faces, first_face)
     start, texture = faces[: first_face[-1] + 1].T.copy()
-    position, places, normals = (table[: start[-1], part].copy() for part in (slice(3), slice(3, 5), slice(5, 8)))
-    at = start[:-1]
-    distance = -np.sum(normals[at] * position[at], axis=1)
-    plane = np.column_stack((normals[at], distance))
-    return FaceTable(start, position, places, normals, np.ones((len(at), 3)), texture[:-1].copy(), plane), first_face
+    corners = table[: start[-1]]
+    positions = corners[:, :3].copy()
+    texture_positions = corners[:, 3:5].copy()
+    normals = corners[:, 5:8].copy()
+    first_corner = start[:-1]
+    distance = -np.sum(normals[first_corner] * positions[first_corner], axis=1)
+    planes = np.column_stack((normals[first_corner], distance))
+    white = np.ones((len(first_corner), 3))
+    return FaceTable(start, positions, texture_positions, normals, white, texture[:-1].copy(), planes), first_face
 
 
 @kernel(
@@ -246,7 +253,7 @@ def _find_dark_sides(first_edge: I64, edges: F64, pieces: F64, meets_ceiling: ND
     has_wall_at_start[edge[is_at_start & is_wide]] = True
     has_wall_at_end = np.zeros(len(edges), np.bool_)
     has_wall_at_end[edge[is_at_end & is_wide]] = True
-    # the edges before and after each in its room's outline, which is closed
+    # the edges before and after each edge in its room's closed outline
     previous_edge = np.arange(len(edges)) - 1
     next_edge = np.arange(len(edges)) + 1
     previous_edge[first_edge[:-1]] = first_edge[1:] - 1

@@ -65,13 +65,11 @@ from minihuman.worlds.simd import simd_function
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
-# worlds: when to prefetch, and how far ahead
-MANY = 256
-LEAD = 8
+MANY = 256  # worlds; smaller batches stay in the nearest caches, and their states are not prefetched
+LEAD = 8  # worlds between the one that is stepped and the one whose cells are prefetched
 LINE = 32  # numbers that a cache line holds
-# worlds: what a thread takes; with a smaller share for each, waking one saves little
-PART = 64
-MIN_SHARE = 2048
+PART = 64  # worlds that a thread takes at a time
+MIN_SHARE = 2048  # worlds per thread; with fewer, waking another thread saves little
 
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
@@ -118,9 +116,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
         self._recipes = [self._world.recipe] * num_envs  # of each world's episodes until it is reset without a mission
-        self._settings: dict[int, NDArray[np.int32]] = {}  # that were set by hand, by their place in a row
-        self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
-        self._helpers = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1) - 1
+        self._settings: dict[int, NDArray[np.int32]] = {}  # set with `set_attr`: a number per world, by index in a row
+        self._over = np.zeros(num_envs, np.int64)  # the worlds that must be laid out anew after a step
+        self._extra_threads = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1) - 1
 
     @property
     def states(self) -> list[State]:
@@ -138,7 +136,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Return the seed that each world was last given or drew; -1 before its first reset."""
+        """Return the seed of each world, as given in its last seeded reset or drawn; -1 before its first reset."""
         return tuple(self._seeds)
 
     def reset(
@@ -149,6 +147,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. The option
         ``"mission"`` sets the mission of all these worlds, as in `GridEnv.reset`. It also applies to episodes that
         autoreset begins, until the worlds are reset without it.
+
+        Raises:
+            WorldError: if an option is not valid, or a layout has no free cell for something that it places.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
@@ -197,7 +198,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         truncated = np.empty(n, np.bool_)
         numbers = np.ascontiguousarray(action_array, np.int64)
         results = images, directions, rewards, terminated, truncated
-        step: Callable[..., int] = self._step_together if self._helpers else step_many
+        step: Callable[..., int] = self._step_together if self._extra_threads else step_many
         count = step(self._rows, numbers, self._rng_states, *results, self._over, self._mode, 0, n, self._instructed)
         if count < 0:
             raise self._refusal(~count, action_array)
@@ -221,6 +222,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return self.call("render")
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+        """Return the error that says why a world was not stepped."""
         phase = self._rows[world, PHASE]
         count = self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
@@ -228,17 +230,28 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {count - 1}")
 
     def _step_together(self, *arguments: Any) -> int:
-        """Run `step_many` in several threads, each of which takes parts of the worlds in turn."""
-        if (refusing := first_refusal(arguments[0], arguments[1], self._mode, 0, self.num_envs)) < 0:
-            return refusing
-        counts = np.zeros(-(-self.num_envs // PART), np.int64)
-        share_work(step_parts, (counts, *arguments[:-3], self._instructed), len(counts), self._helpers)
+        """Run `step_many` in several threads, each of which takes parts of the worlds in turn; return its result.
+
+        Args:
+            arguments: the arguments of `step_many`, for all worlds.
+        """
+        rows, actions, *_ = arguments
+        refusal = first_refusal(rows, actions, self._mode, 0, self.num_envs)
+        if refusal < 0:
+            return refusal
+        *shared_arguments, _first, _last, instructed = arguments
+        counts = np.zeros(-(-self.num_envs // PART), np.int64)  # of the worlds to lay out anew, by part
+        share_work(step_parts, (counts, *shared_arguments, instructed), len(counts), self._extra_threads)
         ended = [self._over[part * PART :][:count] for part, count in enumerate(counts.tolist()) if count]
         self._over[: counts.sum()] = np.concatenate(ended) if ended else 0
         return int(counts.sum())
 
     def _lay_out(self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
-        """Lay out new episodes of the given worlds, and write their observations."""
+        """Lay out new episodes of the given worlds, and write their observations into ``images`` and ``directions``.
+
+        Raises:
+            WorldError: if a layout has no free cell for something that it places.
+        """
         layout = self._layout
         space = self._world.mission_space
         missions = list(self._missions) if space.varies else []
@@ -248,7 +261,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
                 layout[field] = numbers[i]
             self._recipes[i].lay_out(layout, self._rng_states[i])
             if not begin(layout, self._rows, i, images, directions):
-                self._rows = self._rows.astype(np.int32)
+                self._rows = self._rows.astype(np.int32)  # a number of the layout does not fit into int16
                 begin(layout, self._rows, i, images, directions)
             if layout[FAILED]:
                 raise WorldError(
@@ -261,6 +274,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     def _final(
         self, over: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> dict[str, Any]:
+        """Return the info of a step for the worlds whose episodes it ended: their last observations, and no infos."""
         observations = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(over).tolist():
             observations[i] = {"image": images[i].copy(), "direction": int(directions[i]), "mission": self._missions[i]}
@@ -326,7 +340,7 @@ def step_many(
                 directions[i] = rows[i, DIRECTION]
             terminated[i] = status & TERMINATED != 0
             truncated[i] = status & TRUNCATED != 0
-            over[first + count] = i  # counts only if it is
+            over[first + count] = i  # overwritten by the next world unless the count grows
             count += not stepped or (mode == SAME_STEP and status != 0)
         if together:
             spread_usual(directions, start)
@@ -409,7 +423,7 @@ def fetch_instruction(rows: RowMatrix, i: int) -> None:
 
 @simd_function()
 def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> None:
-    """Prefetch three elements of a row."""
+    """Prefetch the elements of a row at three indices."""
     for at in (first, second, third):
         ops.prefetch(row, at)
 
@@ -422,7 +436,8 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
 def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none.
 
-    A world cannot be stepped if its action does not exist, or if it is not in an episode.
+    A world cannot be stepped if its action does not exist, or if it is not in an episode. In the mode NEXT_STEP, a
+    world whose episode has ended can be stepped.
     """
     for i in range(first, last):
         phase = rows[i, PHASE]
@@ -438,9 +453,9 @@ def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first:
     hold_gil=True,
 )
 def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
-    """Begin the episode of a world from a laid-out row, unless the layout failed, and write its observation.
+    """Copy a laid-out row into row ``i``, and begin the episode with its observation unless the layout failed.
 
-    Return False, without beginning, if the row does not fit into the matrix of rows.
+    Return False, without copying, if the numbers of the layout do not fit into the dtype of ``rows``.
     """
     if rows.itemsize < layout.itemsize and (layout[OBJECTS] > MOST_OBJECTS or layout[MAX_STEPS] > NARROW):
         return False
@@ -464,7 +479,7 @@ def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], direc
 def observe_many(
     rows: RowMatrix, selected: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
 ) -> None:
-    """Write the observations of the selected worlds."""
+    """Write the observations of the selected worlds into ``images`` and ``directions``."""
     for i in range(len(rows)):
         if selected[i]:
             see(rows[i], images[i])

@@ -15,7 +15,7 @@ from minihuman.worlds.rng import RngState
 from minihuman.worlds.vector_names import VectorNames
 
 NARROW = np.iinfo(np.int16).max
-MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
+MOST_OBJECTS = NARROW >> 9  # in a row of int16: an object's identity is in the bits of its code from bit 9 on
 RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 
 
@@ -30,7 +30,7 @@ class GridBatchSnapshot(NamedTuple):
     settings: dict[int, NDArray[np.int32]]
 
 
-_SETTINGS = {"max_steps": MAX_STEPS, "see_through_walls": SEE_THROUGH}  # that a layout leaves as they are
+_SETTINGS = {"max_steps": MAX_STEPS, "see_through_walls": SEE_THROUGH}  # index in a row; no layout changes these
 
 
 class GridBatchNames(VectorNames):
@@ -65,7 +65,7 @@ class GridBatchNames(VectorNames):
                 GridSnapshot(self._rows[i].astype(np.int32), self._rng_states[i], self._missions[i], {})
             )
             yield self._world
-            self._take_back(i)
+            self._write_back(i)
 
     def save(self) -> GridBatchSnapshot:
         """Return an exact copy of every world in mid-episode.
@@ -78,7 +78,7 @@ class GridBatchNames(VectorNames):
         )
 
     def restore(self, saved: GridBatchSnapshot) -> None:
-        """Restore a saved state. The copy is not consumed.
+        """Restore a saved state, which may be restored again.
 
         Raises:
             WorldError: if a batch of another size saved it.
@@ -93,13 +93,16 @@ class GridBatchNames(VectorNames):
         self._settings = {field: numbers.copy() for field, numbers in saved.settings.items()}
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every world, as `VectorNames.set_attr` does. A setting also applies to later episodes."""
+        """Set an attribute of every world, as `VectorNames.set_attr` does.
+
+        The attributes ``max_steps`` and ``see_through_walls`` also apply to later episodes.
+        """
         super().set_attr(name, values)
         if name in _SETTINGS:
             self._settings[_SETTINGS[name]] = self._rows[:, _SETTINGS[name]].astype(np.int32)
 
-    def _take_back(self, i: int) -> None:
-        """Write the state of the environment that represents a world back to the world's row."""
+    def _write_back(self, i: int) -> None:
+        """Write the state of the environment that represents world ``i`` back into the batch."""
         saved = self._world.save()
         if self._rows.itemsize < saved.row.itemsize and (
             saved.row[OBJECTS] > MOST_OBJECTS or max(saved.row[MAX_STEPS], saved.row[STEP]) > NARROW

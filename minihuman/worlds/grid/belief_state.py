@@ -52,7 +52,7 @@ from minihuman.worlds.kernels import device_function, kernel
 
 SeenCells = NDArray[np.bool_]  # by cell, x * height + y
 HALF_VIEW = 4 / 3 * math.tan(math.radians(30))  # from inside the grid: the tangent of half the angle of view
-BACK = 0.4  # cells that the eye stands behind the middle of its own
+BACK = 0.4  # cells by which the eye is behind the middle of the agent's cell
 
 
 @device_function()
@@ -119,7 +119,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
     """Mark the cells that the agent now sees as explored; return the number of newly explored cells.
 
-    ``image`` is filled with the agent's view. With ``inside``, the agent sees less than Minigrid's view shows.
+    ``image`` receives the agent's view: Minigrid's, or with ``inside`` only what is visible from inside the grid.
     """
     see(row, image)
     if inside:
@@ -129,7 +129,7 @@ def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bo
 
 @kernel("(int32[::1], boolean[::1], int64)")
 def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
-    """Return a copy of the state in which all unexplored cells have the code ``hidden``."""
+    """Return a copy of the state in which all unexplored cells have the code ``hidden``, and all boxes are empty."""
     known = row.copy()
     cells = row[WIDTH] * row[HEIGHT]
     for identity in range(1, row[OBJECTS] + 1):
@@ -177,7 +177,7 @@ def prospects(
     floor: float,
     wall: float,
 ) -> NDArray[np.float64]:
-    """Return for each reachable pose the value of the cells that it would show for the first time, (width, height, 4).
+    """Return the value of the cells that each reachable pose would show for the first time, float64[width, height, 4].
 
     Unknown cells hide nothing, and a closed door ahead is opened first. After ``straight`` cells of wall in a line, the
     wall is expected to continue (0: never). A cell is worth ``floor``, or ``wall`` if a wall is expected there.
@@ -217,10 +217,16 @@ def prospects(
 
 @device_function()
 def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
-    """Put walls where they are expected in unexplored cells: around the grid, and in line with known walls."""
+    """Put walls where they are expected in unexplored cells: around the grid, and in line with known walls.
+
+    Args:
+        row: the state, which is changed.
+        explored: whether each cell was explored.
+        straight: the number of known wall cells in a line after which the wall is expected to continue.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
-    for line in range(2 * (width + height)):  # each column and each line, there and back
+    for line in range(2 * (width + height)):  # each column and each row, in both directions
         upright = line < 2 * width
         number = (line if upright else line - 2 * width) // 2
         length = height if upright else width
@@ -245,7 +251,7 @@ def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
 
 @kernel("(int32[::1], int64)")
 def walk(row: Row, passing: int) -> NDArray[np.int32]:
-    """Return the number of actions from the agent's pose to every other, (width, height, 4).
+    """Return the number of actions from the agent's pose to every other, int32[width, height, 4]; FAR without a path.
 
     Closed doors are opened on the way. Passing an object costs ``passing`` more actions; with 0, objects block the way.
     """
@@ -298,6 +304,10 @@ def walk(row: Row, passing: int) -> NDArray[np.int32]:
 
 @device_function()
 def _entering(code: int, passing: int) -> int:
+    """Return the number of actions to enter a cell with this code from the next cell; 0 if it blocks the way.
+
+    Passing an object costs ``passing`` more actions; with 0, objects block the way.
+    """
     kind = kind_of(code)
     if kind == EMPTY or kind == FLOOR or kind == GOAL:
         return 1
@@ -312,11 +322,12 @@ def _entering(code: int, passing: int) -> int:
     return 0
 
 
-SMALL = 250  # cells of a grid where a sixteenth of them is enough
-ENOUGH = 30  # cells
+# the default of `FrontierWeights.enough`, in cells: a fixed number, or in smaller grids a sixteenth of all cells
+ENOUGH = 30
+SMALL = 250  # cells; a grid with fewer is small
+LEAST_ENOUGH = 8
 
-
-Noise = Callable[[int], NDArray[np.float64]]  # for so many judgements
+Noise = Callable[[int], NDArray[np.float64]]  # takes a number of poses; returns an error for each, in actions
 
 
 @dataclass(frozen=True, slots=True)
@@ -373,7 +384,7 @@ class ExploredGrid:
         if cells >= SMALL:
             self._enough = ENOUGH
         else:
-            self._enough = max(8, cells // 16)
+            self._enough = max(LEAST_ENOUGH, cells // 16)
         self._image = np.zeros((view_size, view_size, 3), np.uint8)
         self.look(row)
 
@@ -383,29 +394,33 @@ class ExploredGrid:
 
     def in_view(self, row: Row) -> NDArray[np.bool_]:
         """Return which cells are visible now, bool[width * height]."""
-        now = np.zeros_like(self.seen)
-        remember(row, self._image, now, self._inside)
-        return now
+        is_visible = np.zeros_like(self.seen)
+        remember(row, self._image, is_visible, self._inside)
+        return is_visible
 
     def forget(self, chance: float, rng: np.random.Generator) -> None:
         """Forget each cell with probability ``chance``; visible cells are remembered again at the next look."""
         self.seen &= rng.random(len(self.seen)) >= chance
 
     def known(self, row: Row) -> Row:
-        """Return the state as far as it was seen; the other cells are walls, and boxes are empty."""
-        known: Row = believe(row, self.seen, GREY_WALL)
-        return known
+        """Return a copy of the state as far as it was seen; the other cells are walls, and all boxes are empty."""
+        seen_row: Row = believe(row, self.seen, GREY_WALL)
+        return seen_row
 
     def frontier(
         self, known: Row, *, passing: int = 0, judgement: FrontierWeights = EXPERT_WEIGHTS, noise: Noise = no_noise
     ) -> tuple[list[int], list[int], float] | None:
-        """Plan how to see more; return the actions, the cells on the path and its cost, or None if no more can be seen.
+        """Plan how to see more of the grid.
 
         Args:
             known: the state that `known` returned.
             passing: the cost of passing an object in actions; 0 if objects block the way.
-            judgement: the weights of seeing more.
-            noise: a function that returns the errors of so many judgements of poses, in actions.
+            judgement: the weights by which the pose to look from is chosen.
+            noise: a function that takes a number of poses and returns an error for each, which is added to its cost.
+
+        Returns:
+            The actions, the numbers of the cells that they enter (x * height + y), and the cost of the path in actions;
+                None if no more can be seen.
         """
         steps = walk(known, passing)
         gains = prospects(
@@ -418,18 +433,18 @@ class ExploredGrid:
         else:
             enough = judgement.enough
         enough = min(enough, int(judgement.share * len(self.seen)))
-        value = judgement.worth * np.minimum(gains, enough) + judgement.beyond * gains
-        worth = np.where(possible, steps - value, np.inf)
-        worth[opening] += judgement.opening
-        worth += noise(worth.size).reshape(worth.shape)
-        best = np.unravel_index(int(np.argmin(worth)), worth.shape)
-        if not np.isfinite(worth[best]):
+        worth = judgement.worth * np.minimum(gains, enough) + judgement.beyond * gains
+        net_costs = np.where(possible, steps - worth, np.inf)
+        net_costs[opening] += judgement.opening
+        net_costs += noise(net_costs.size).reshape(net_costs.shape)
+        best = np.unravel_index(int(np.argmin(net_costs)), net_costs.shape)
+        if not np.isfinite(net_costs[best]):
             return None
         pose = (int(best[0]), int(best[1]), int(best[2]))
-        actions, way = _path(known, steps, pose)
+        actions, path_cells = _trace_path(known, steps, pose)
         if opening[pose]:
             actions.append(TOGGLE)
-        return actions, way, float(steps[pose])
+        return actions, path_cells, float(steps[pose])
 
 
 def _faces_closed(state: State) -> NDArray[np.bool_]:
@@ -443,11 +458,17 @@ def _faces_closed(state: State) -> NDArray[np.bool_]:
     return faces
 
 
-def _path(known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int]) -> tuple[list[int], list[int]]:
-    """Return the actions to a pose and the cells that they enter, by tracing the path back from the pose."""
+def _trace_path(known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int]) -> tuple[list[int], list[int]]:
+    """Return the actions to a pose and the numbers of the cells that they enter, tracing the path back from the pose.
+
+    Args:
+        known: the state, as far as it is known.
+        steps: the number of actions from the agent's pose to each pose, as `walk` returns them.
+        pose: the column, row and direction at the end of the path.
+    """
     state = State(known)
     actions: list[int] = []
-    way: list[int] = []
+    path_cells: list[int] = []
     x, y, direction = pose
     while steps[x, y, direction] > 0:
         steps_left = int(steps[x, y, direction])
@@ -459,10 +480,10 @@ def _path(known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int]) -> t
             actions.append(RIGHT)
         else:
             code = int(state.cells[x, y])
-            way.append(x * state.height + y)
+            path_cells.append(x * state.height + y)
             actions.append(FORWARD)
             if kinds_of(code) == DOOR and states_of(code) == CLOSED:
-                actions.append(TOGGLE)
+                actions.append(TOGGLE)  # before the step forward, as the actions are reversed below
             x = x - STEPS[direction][0]
             y = y - STEPS[direction][1]
-    return actions[::-1], way[::-1]
+    return actions[::-1], path_cells[::-1]

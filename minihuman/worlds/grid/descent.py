@@ -8,7 +8,14 @@ from minihuman.worlds.grid.core.cells import STEPS
 
 
 def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
-    """Return the actions from a pose to the nearest pose with distance 0."""
+    """Return the actions from a pose to the nearest pose with distance 0.
+
+    Args:
+        steps: the number of turns and steps from each pose (x, y, direction) to that pose, as `distances` returns them.
+        x: the column of the first pose.
+        y: the row of the first pose.
+        direction: the direction of the first pose.
+    """
     actions = []
     while steps[x, y, direction] > 0:
         dx, dy = STEPS[direction]
@@ -18,8 +25,8 @@ def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[in
             rewards.RIGHT: (x, y, (direction + 1) % 4),
         }
         for action, pose in choices.items():
-            inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]
-            if inside and steps[pose] == steps[x, y, direction] - 1:
+            is_inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]
+            if is_inside and steps[pose] == steps[x, y, direction] - 1:
                 actions.append(action)
                 x, y, direction = pose
                 break

@@ -43,16 +43,16 @@ from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.step_limit import action_number, check_max_steps
 
-# past the check that `GridEnv.__setattr__` makes, for what each episode sets anew: a short one is mostly its reset
+# skips the check of `GridEnv.__setattr__` for what every reset sets: a reset takes most of the time of a short episode
 set_attribute = object.__setattr__
 
 
 def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[ObjectKind] = ()) -> Map:
-    """Return the map of a state: the outlines of walls, and every object that lies in a cell now."""
-    lying = state.kinds
-    walls = wall_outlines(lying == WALL)
+    """Return the map of a state, in cells: the outlines of walls, and the object, floor, goal or lava in each cell."""
+    cell_kinds = state.kinds
+    walls = wall_outlines(cell_kinds == WALL)
     things = []
-    for x, y in np.argwhere((lying != WALL) & (lying != EMPTY)).tolist():
+    for x, y in np.argwhere((cell_kinds != WALL) & (cell_kinds != EMPTY)).tolist():
         code = int(state.cells[x, y])
         kind = kind_name(kind_of(code), kinds)
         colour = COLOURS[colour_of(code)]
@@ -60,14 +60,14 @@ def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[O
             name = kind
         else:
             name = f"{colour} {kind}"
-        things.append(Thing(name, float(x), float(y), 0.5, hex_colour(code, palette)))
+        things.append(Thing(name, float(x), float(y), radius=0.5, colour=hex_colour(code, palette)))
     bounds = (-0.5, -0.5, state.width - 0.5, state.height - 0.5)
     return Map("cell", bounds, walls, tuple(things))
 
 
-MOST_LINES = 32 * MAX_CELLS  # of pixels that `render` draws
-_COMPILED = ("step", "advance", "observation", "look", "frame", "picture", "tiles")  # by kernels, unless overridden
-YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
+MOST_LINES = 32 * MAX_CELLS  # the largest width or height, in pixels, of a picture that `render` draws
+_COMPILED = ("step", "advance", "observation", "look", "frame", "picture", "tiles")  # done by kernels unless overridden
+YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction: right, down, left, up
 
 
 class GridSnapshot(NamedTuple):
@@ -79,10 +79,10 @@ class GridSnapshot(NamedTuple):
     kept: dict[str, Any]
 
 
-def _hashed(saved: GridSnapshot) -> int:
-    rng_state = saved.rng_state[
-        : 6 if saved.rng_state[4] else 4
-    ]  # without a buffered half draw its value means nothing
+def _hash_snapshot(saved: GridSnapshot) -> int:
+    """Hash a snapshot to a uint64. A half draw of the random stream counts only while it is buffered."""
+    has_half_draw = saved.rng_state[4]
+    rng_state = saved.rng_state if has_half_draw else saved.rng_state[:4]
     return hash64([saved.row, rng_state, saved.mission, saved.kept])
 
 
@@ -112,11 +112,11 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
-    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
+    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # the world's own kinds of objects, at most five
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
-    # cells (column, row) that pictures tint in a colour, so opaque from 0 to 1; saved and hashed with the state, not
-    # observed by agents, and none at every reset
+    # cells (column, row) that pictures tint, each with a colour and an opacity from 0 to 1; saved and hashed with the
+    # state, not observed by agents, and removed by every reset
     cell_marks: Mapping[tuple[int, int], tuple[Colour, float]] = MappingProxyType({})
 
     def __init__(
@@ -171,8 +171,8 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             actions,
         )
         self._rng_state: RngState = np.zeros(6, np.uint64)
-        self._stream_is_held = False  # nothing can have drawn from the generator since it was read
-        self._stream_is_ahead = False  # kernels have drawn since the generator was brought up to date
+        self._stream_is_held = False  # `_rng_state` is current: nothing has drawn from the generator since
+        self._stream_is_ahead = False  # kernels may have drawn from `_rng_state`, and the generator is out of date
         self._draws = False  # whether a step draws random numbers
         clear(self._row)
 
@@ -226,10 +226,10 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         self._stream_is_held = self._stream_is_ahead = False
 
     def _stream(self) -> RngState:
-        """Return the state of the random stream, from which kernels may draw."""
+        """Return the state of the random stream for kernels to draw from, and mark the generator as out of date."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
-        if not self._stream_is_ahead:  # asked first, as setting an attribute of a world of the catalogue is checked
+        if not self._stream_is_ahead:  # tested first, because setting an attribute of a `GridEnv` is slow
             self._stream_is_held = self._stream_is_ahead = True
         return self._rng_state
 
@@ -244,8 +244,8 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
                 f"({width - 1}, {height - 1}), directions 0 to 3"
             )
 
-    def _now(self) -> RngState:
-        """Return the state of the random stream, for reading only."""
+    def _read_stream(self) -> RngState:
+        """Return the current state of the random stream, which callers must not change."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
             self._stream_is_held = True
@@ -254,7 +254,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode; return the observation and an empty info."""
+        """Lay out a new episode; return the observation and an empty info. A failed layout raises a WorldError."""
         if seed is not None:
             self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
@@ -277,7 +277,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return observation, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without computing the observation; return the reward, terminated and truncated."""
+        """Take an action without making the observation; return the reward, terminated and truncated."""
         try:
             number = index(action)
         except TypeError:
@@ -318,14 +318,15 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return number
 
     def _refusal(self, status: int, action: Any) -> WorldError:
+        """Return the error that says why a step was refused, given its negative status."""
         if status == NO_SUCH_ACTION:
             return WorldError(
                 f"action {action!r} does not exist in {self}; actions are 0 to {self._row[fields.ACTIONS] - 1}"
             )
-        instead = "; instead of Minigrid's NoDeath, which steps on, use minihuman.worlds.grid.wrappers.NoDeath"
+        advice = "; instead of Minigrid's NoDeath, which steps on, use minihuman.worlds.grid.wrappers.NoDeath"
         return WorldError(
             f"{self} is not in an episode; call reset() before step(), and again after each episode"
-            f"{instead if 'minigrid.wrappers' in sys.modules else ''}"
+            f"{advice if 'minigrid.wrappers' in sys.modules else ''}"
         )
 
     def _in_world(self) -> State:
@@ -350,7 +351,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return image
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Return the world as a picture from above or as text, according to the render mode; None without one."""
+        """Return the picture or text of the render mode; None without a mode, and for "human", which shows a window."""
         if self.render_mode is None:
             return None
         if self.render_mode == "ansi":
@@ -371,23 +372,22 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
         row = self._in_world().row
         size = self.image_shape[0]
-        looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
-        picture = draw_grid(row, view=view, view_size=size, lit=lit, **looks)
-        for place, (colour, opacity) in self.cell_marks.items():
-            inside = 0 <= place[0] < self.state.width and 0 <= place[1] < self.state.height
-            if colour not in COLOURS or not (0 <= opacity <= 1 and inside):
+        picture = draw_grid(row, view=view, view_size=size, tile_px=tile_px, palette=palette, kinds=self.kinds, lit=lit)
+        for cell, (colour, opacity) in self.cell_marks.items():
+            is_inside = 0 <= cell[0] < self.state.width and 0 <= cell[1] < self.state.height
+            if colour not in COLOURS or not (0 <= opacity <= 1 and is_inside):
                 raise WorldError(
-                    f"cell_marks has {place}: {(colour, opacity)}; give a cell of the grid, one of "
+                    f"cell_marks has {cell}: {(colour, opacity)}; give a cell of the grid, one of "
                     f"{', '.join(COLOURS)}, and an opacity from 0 to 1"
                 )
-            at = place if view == "full" else self.relative_coords(*place)
-            if at is None or (view == "partial" and self.look(size)[at][0] == UNSEEN):
+            tile = cell if view == "full" else self.relative_coords(*cell)
+            if tile is None or (view == "partial" and self.look(size)[tile][0] == UNSEEN):
                 continue
-            left = at[0] * tile_px
-            top = at[1] * tile_px
-            cell = picture[top : top + tile_px, left : left + tile_px]
+            left = tile[0] * tile_px
+            top = tile[1] * tile_px
+            pixels = picture[top : top + tile_px, left : left + tile_px]
             rgb = np.array(OBJECT_COLOURS[palette][COLOURS.index(colour)])
-            cell[:] = (cell + (rgb - cell) * opacity).round()
+            pixels[:] = (pixels + (rgb - pixels) * opacity).round()
         return picture
 
     def pose(self) -> Pose:
@@ -401,46 +401,46 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that completed it, or 0."""
+        """Return the instruction's clauses, each with the step that completed it, or 0; empty without instruction."""
         if self._row[fields.TASK] == INSTRUCTED:
             return clauses_done(self._row)
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
         """Return the actions to success, the fewest unless finding them takes too long; empty if there are none."""
-        return shortest_path(self._in_world(), self._now()) or ()
+        return shortest_path(self._in_world(), self._read_stream()) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of the shortest plan as both bounds, or a lower bound and the length of a longer plan."""
-        return path_length_bounds(self._in_world(), self._now())
+        """Return the length of a shortest plan as both bounds, or a lower bound and the length of a plan, if known."""
+        return path_length_bounds(self._in_world(), self._read_stream())
 
     def state_hash(self) -> int:
         """Hash the layout, agent, task, mission, random stream and kept attributes to a uint64."""
-        return _hashed(self._shared())
+        return _hash_snapshot(self._share_snapshot())
 
     def scene_hash(self) -> int:
         """Return the hash of the state without the number of steps taken."""
         saved = self.save()
         saved.row[fields.STEP] = 0
-        return _hashed(saved)
+        return _hash_snapshot(saved)
 
     def save(self) -> GridSnapshot:
         """Return an exact copy of the state in mid-episode."""
-        row, rng_state, mission, attributes = self._shared()
+        row, rng_state, mission, attributes = self._share_snapshot()
         return GridSnapshot(row.copy(), rng_state.copy(), mission, deepcopy(attributes) if attributes else attributes)
 
-    def _shared(self) -> GridSnapshot:
-        """Return the state that `save` copies, without copying it."""
+    def _share_snapshot(self) -> GridSnapshot:
+        """Return the snapshot that `save` copies; its arrays and attributes are those of the world itself."""
         if self.kept:
             attributes = {name: getattr(self, name) for name in self.kept}
         else:
             attributes = {}
         if self.cell_marks:
-            attributes["cell_marks"] = [[*place, *mark] for place, mark in self.cell_marks.items()]
-        return GridSnapshot(self._row, self._now(), self.mission, attributes)
+            attributes["cell_marks"] = [[*cell, *mark] for cell, mark in self.cell_marks.items()]
+        return GridSnapshot(self._row, self._read_stream(), self.mission, attributes)
 
     def restore(self, saved: GridSnapshot) -> None:
-        """Restore a saved state. It may be restored again, here or in another world of the same size."""
+        """Restore a saved state, which may be restored again; raise a WorldError if the world has another size."""
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
@@ -448,11 +448,13 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
             )
         self._close_object_views()
         self._row[:] = saved.row
-        self._draws = bool(self._row[fields.TASK] == DODGE)
         self._rng_state[:] = saved.rng_state
-        self._stream_is_held = self._stream_is_ahead = True
-        self.mission = saved.mission
-        self.cell_marks = {(x, y): (colour, opacity) for x, y, colour, opacity in saved.kept.get("cell_marks", ())}
+        cell_marks = {(x, y): (colour, opacity) for x, y, colour, opacity in saved.kept.get("cell_marks", ())}
+        set_attribute(self, "_draws", bool(self._row[fields.TASK] == DODGE))
+        set_attribute(self, "_stream_is_held", True)
+        set_attribute(self, "_stream_is_ahead", True)
+        set_attribute(self, "mission", saved.mission)
+        set_attribute(self, "cell_marks", cell_marks)
         for name in self.kept:
             setattr(self, name, deepcopy(saved.kept[name]))
 
@@ -460,11 +462,11 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
         """Draw the largest picture with whole-numbered tiles that fits the size, uint8[H, W, 3]."""
-        tile_px, palette_ = self.tiles(view, size_px, palette)
-        return self._draw(view, tile_px, palette_)
+        tile_px, tile_palette = self.tiles(view, size_px, palette)
+        return self._draw(view, tile_px, tile_palette)
 
     def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
-        """Return the size in pixels and the palette of the tiles of which `picture` is made."""
+        """Return the size in pixels and the palette of the tiles that `picture` draws with the same arguments."""
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -484,11 +486,9 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         )
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
-        """Return whether a code, of a cell or of what the agent carries, is of one of the world's own kinds."""
-        return (
-            kind_of(int(code)) >= fields.FIRST_OWN_KIND
-            and self.kinds[kind_of(int(code)) - fields.FIRST_OWN_KIND] == kind
-        )
+        """Return whether a code, of a cell or of what the agent carries, has the given one of the world's own kinds."""
+        own_number = kind_of(int(code)) - fields.FIRST_OWN_KIND
+        return own_number >= 0 and self.kinds[own_number] == kind
 
     def text(self) -> str:
         """Return the grid as a diagram of characters; see `layout`."""

@@ -34,26 +34,22 @@ ENGINE_SETTINGS = frozenset(
     {"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov", "screen_size"}
 )
 _UPSTREAM_METHODS = vars(MinigridCompat)
-_SET_BY_RESETS = frozenset(  # not looked up further, as a short episode is mostly its reset
-    {
-        "cell_marks",
-        "mission",
-        "_episode_recipe",
-        "_draws",
-        "_stream_is_held",
-        "_stream_is_ahead",
-        "_views",
-        "_np_random",
-    }
-    | {"_np_random_seed"}
+# attributes that resets set; they are not checked, because a reset takes most of the time of a short episode
+_SET_BY_RESETS = frozenset(
+    {"cell_marks", "mission", "_episode_recipe", "_draws", "_stream_is_held", "_stream_is_ahead", "_views"}
+    | {"_np_random", "_np_random_seed"}
 )
 _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a family's function by name, with its defaults.
+    """Return the options of a family by name, including the defaults of those that were not given.
 
     An obstacle type becomes Minigrid's class of that name, if Minigrid is imported.
+
+    Args:
+        family: the name of a family or a level; for a function, only the given options are returned.
+        options: the options that were given.
     """
     if not isinstance(family, str):
         return dict(options)
@@ -69,7 +65,8 @@ def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) 
     } | dict(options)
     if "obstacle_type" in settings:
         name = settings["obstacle_type"]
-        settings["obstacle_type"] = getattr(sys.modules.get("minigrid.core.world_object"), name.capitalize(), name)
+        minigrid_module = sys.modules.get("minigrid.core.world_object")
+        settings["obstacle_type"] = getattr(minigrid_module, name.capitalize(), name)
     return settings
 
 
@@ -107,12 +104,12 @@ class GridEnv(GridEngine):
             actions=self.recipe.actions,
             **settings,
         )
-        self._episode_recipe = self.recipe  # of this episode: with a mission set by hand, or as it is
+        self._episode_recipe = self.recipe  # of this episode: `recipe`, or with the mission that was set in `reset`
         settings = {**options_of(family, options), "fixed_max_steps": max_steps is not None}
         if self.recipe.width == self.recipe.height:
             settings.setdefault("size", self.recipe.width)
         self._family_options = {name: setting for name, setting in settings.items() if name not in _OWN_NAMES}
-        self._is_made = True  # last: no `vars` here, which would slow every attribute of the world down
+        self._is_made = True  # set last; `vars` is avoided, as it would slow down every attribute of the world
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in _SET_BY_RESETS and self._is_made:
@@ -165,6 +162,11 @@ _LEVEL_OPTIONS = (
 
 
 def _read_option(world: GridEnv, name: str) -> Any:
+    """Return the option of a family with which a world was made, as Minigrid's attribute of that name.
+
+    Raises:
+        WorldAttributeError: if the world's family has no such option.
+    """
     if name in world._family_options:
         return world._family_options[name]
     raise missing_name(world, name, INSTEAD)
@@ -183,15 +185,15 @@ class GridEnvOnScreen(GridEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Lay out a new episode and show it in the window."""
-        answer = super().reset(seed=seed, options=options)
+        observation, info = super().reset(seed=seed, options=options)
         self.render()
-        return answer
+        return observation, info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Take an action and show the new state in the window."""
-        answer = super().step(action)
+        step_outcome = super().step(action)
         self.render()
-        return answer
+        return step_outcome
 
     shortest_path = GridEngine.shortest_path
     path_length_bounds = GridEngine.path_length_bounds
@@ -205,9 +207,9 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     translated and compiled, too (`minihuman.worlds.grid.own`).
     """
 
-    own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
-    done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
-    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # that the class and its bases declare
+    own_steps: ClassVar[bool] = True  # whether each part of an instruction is judged by its own steps
+    done_required: ClassVar[bool] = False  # whether a clause ends only with the action "done" right after it
+    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the fields that the class and its bases declare
     observed: ClassVar[tuple[str, ...]] = ()  # names of declared fields that are part of each observation
     is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     _has_own_reward: ClassVar[bool] = False
@@ -219,8 +221,8 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
         super().__init_subclass__(**kwargs)
         declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
-        looks_otherwise = cls.observation is not GridWorld.observation or cls.look is not GridEngine.look
-        cls._has_own_step_values = cls._has_own_reward or looks_otherwise or bool(cls.observed)
+        has_own_view = cls.observation is not GridWorld.observation or cls.look is not GridEngine.look
+        cls._has_own_step_values = cls._has_own_reward or has_own_view or bool(cls.observed)
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -244,19 +246,22 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
         """Return the reward of a step that was made, and whether it ended the episode.
 
-        The arguments have what the goal, lava and the task imply. The method may change the world (through
-        ``self.state``, `put`, `remove` and `move`); the observation is made afterwards.
+        The arguments ``reward`` and ``terminated`` are what the goal, lava and the task imply. The method may change
+        the world (through ``self.state``, `put`, `remove` and `move`); the observation is made afterwards.
         """
         return reward, terminated
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled kernels alone step and draw the world; False with a `reward_and_done` of its own."""
+        """Return whether compiled kernels alone step and draw the world.
+
+        A world with its own `reward_and_done`, or with declared fields that it saves or observes, needs Python.
+        """
         return not self._has_own_reward and not self.observed and self._is_plain(GridWorld)
 
     def _has_own_rules(self) -> bool:
-        own_steps = any(getattr(type(self), name) is not getattr(GridWorld, name) for name in ("step", "advance"))
-        return self._has_own_reward or own_steps
+        has_own_step = any(getattr(type(self), name) is not getattr(GridWorld, name) for name in ("step", "advance"))
+        return self._has_own_reward or has_own_step
 
     def _lay_out(self) -> None:
         own_numbers(self)[:] = 0

@@ -1,4 +1,7 @@
-"""The families of Minigrid's worlds: functions from options, named as Minigrid names them, to recipes."""
+"""The families of Minigrid's worlds: functions from options, named as Minigrid names them, to recipes.
+
+The sizes, step limits and default options are Minigrid's.
+"""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -17,16 +20,17 @@ Obstacle = Literal["lava", "wall"]
 TO_THE_GOAL = "get to the green goal square"
 PAST_LAVA = "avoid the lava and get to the green goal square"
 THROUGH_OPENING = "find the opening and get to the green goal square"
-DIFFERENT = 18  # objects there are: three kinds in six colours
-MOST_ROOMS = 100  # of a chain
+DIFFERENT = 18  # the number of objects that all differ: three kinds in six colours
+MOST_ROOMS = 100  # in a chain of rooms
 OBSTACLES: Mapping[str, int] = MappingProxyType({"lava": RED_LAVA, "wall": GREY_WALL})
 
 
 def empty(*, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0) -> Recipe:
     """Return the recipe of an empty room."""
     check_whole("size", size, 3 if agent_start_pos else 4, MAX_CELLS)
-    numbers = _start(agent_start_pos, agent_start_dir, size, size)
-    return Recipe(single_rooms.empty, numbers, size, size, 4 * size**2, MissionSpace(TO_THE_GOAL), True)
+    numbers = _start_numbers(agent_start_pos, agent_start_dir, size, size)
+    mission = MissionSpace(TO_THE_GOAL)
+    return Recipe(single_rooms.empty, numbers, size, size, 4 * size**2, mission, see_through_walls=True)
 
 
 def dist_shift(
@@ -36,33 +40,35 @@ def dist_shift(
     check_whole("width", width, 3 if agent_start_pos else 5, MAX_CELLS)
     check_whole("height", height, 3 if agent_start_pos else 5, MAX_CELLS)
     numbers = (
-        *_start(agent_start_pos, agent_start_dir, width, height),
+        *_start_numbers(agent_start_pos, agent_start_dir, width, height),
         check_whole("strip2_row", strip2_row, 0, height - 1),
     )
     mission = MissionSpace(TO_THE_GOAL)
-    return Recipe(single_rooms.dist_shift, numbers, width, height, 4 * width * height, mission, True)
+    max_steps = 4 * width * height
+    return Recipe(single_rooms.dist_shift, numbers, width, height, max_steps, mission, see_through_walls=True)
 
 
 def lava_gap(*, size: int, obstacle_type: Obstacle = "lava") -> Recipe:
-    """Return the recipe of a room with a wall of lava that has a gap."""
+    """Return the recipe of a room with a column of lava or wall that has a gap."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace(PAST_LAVA if obstacle_type == "lava" else THROUGH_OPENING)
-    return Recipe(single_rooms.gap, (_obstacle(obstacle_type),), size, size, 4 * size**2, mission)
+    return Recipe(single_rooms.gap, (_obstacle_code(obstacle_type),), size, size, 4 * size**2, mission)
 
 
 def dynamic_obstacles(
     *, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0, n_obstacles: int = 4
 ) -> Recipe:
-    """Return the recipe of a room with balls that move at random."""
+    """Return the recipe of a room with balls that move at random; at most about half as many as the room is wide."""
     check_whole("size", size, 4, MAX_CELLS)
     check_whole("n_obstacles", n_obstacles, 0, MAX_CELLS)
     if n_obstacles <= size / 2 + 1:
         obstacles = n_obstacles
     else:
         obstacles = size // 2
-    numbers = (*_start(agent_start_pos, agent_start_dir, size, size), obstacles)
+    numbers = (*_start_numbers(agent_start_pos, agent_start_dir, size, size), obstacles)
+    layout = single_rooms.dynamic_obstacles
     mission = MissionSpace(TO_THE_GOAL)
-    return Recipe(single_rooms.dynamic_obstacles, numbers, size, size, 4 * size**2, mission, True, actions=3)
+    return Recipe(layout, numbers, size, size, 4 * size**2, mission, see_through_walls=True, actions=3)
 
 
 def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle = "lava") -> Recipe:
@@ -70,18 +76,19 @@ def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle =
     check_whole("size", size, 3, MAX_CELLS - 1, odd=True)
     check_whole("num_crossings", num_crossings, 0, MAX_CELLS)
     mission = MissionSpace(PAST_LAVA if obstacle_type == "lava" else THROUGH_OPENING)
-    numbers = (num_crossings, _obstacle(obstacle_type))
+    numbers = (num_crossings, _obstacle_code(obstacle_type))
     return Recipe(single_rooms.crossing, numbers, size, size, 4 * size**2, mission)
 
 
 def four_rooms(*, agent_pos: Place = None, goal_pos: Place = None) -> Recipe:
     """Return the recipe of four rooms, with the goal in one of them."""
-    numbers = (*_place("agent_pos", agent_pos, 19, 19), *_place("goal_pos", goal_pos, 19, 19))
-    return Recipe(rooms.four_rooms, numbers, 19, 19, 100, MissionSpace("reach the goal"))
+    size = 19
+    numbers = (*_cell_numbers("agent_pos", agent_pos, size, size), *_cell_numbers("goal_pos", goal_pos, size, size))
+    return Recipe(rooms.four_rooms, numbers, size, size, 100, MissionSpace("reach the goal"))
 
 
 def door_key(*, size: int = 8) -> Recipe:
-    """Return the recipe of two rooms with a locked door between them, the key on this side and the goal beyond."""
+    """Return the recipe of two rooms with a locked door between them: the key on the agent's side, the goal beyond."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace("use the key to open the door and then get to the goal")
     return Recipe(rooms.door_key, (), size, size, 10 * size**2, mission)
@@ -122,41 +129,42 @@ def multi_room(
 
 def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
     """Return the recipe of a room with keys and balls, one of which is to be fetched."""
-    _objects(numObjs, 1, 100, size)
+    _check_objects(numObjs, 1, 100, size)
     verbs = ("get a", "go get a", "fetch a", "go fetch a", "you must fetch a")
     mission = MissionSpace("{} {} {}", verbs, COLOUR_WORDS, kind_words(KEY, BALL))
-    return Recipe(single_rooms.fetch, (numObjs,), size, size, 5 * size**2, mission, True)
+    return Recipe(single_rooms.fetch, (numObjs,), size, size, 5 * size**2, mission, see_through_walls=True)
 
 
 def go_to_object(*, size: int = 6, numObjs: int = 2) -> Recipe:
     """Return the recipe of a room with objects, one of which is to be reached."""
-    _objects(numObjs, 1, DIFFERENT, size)
+    _check_objects(numObjs, 1, DIFFERENT, size)
     mission = MissionSpace("go to the {} {}", COLOUR_WORDS, kind_words(KEY, BALL, BOX))
-    return Recipe(single_rooms.go_to_object, (numObjs,), size, size, 5 * size**2, mission, True)
+    return Recipe(single_rooms.go_to_object, (numObjs,), size, size, 5 * size**2, mission, see_through_walls=True)
 
 
 def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
     """Return the recipe of a room with objects, one of which is to be put near another."""
-    _objects(numObjs, 2, DIFFERENT, size)
-    if 9 * (numObjs - 1) >= (size - 2) ** 2:
+    _check_objects(numObjs, 2, DIFFERENT, size)
+    if 9 * (numObjs - 1) >= (size - 2) ** 2:  # no object may lie in the nine cells around another
         raise WorldError(
             f"numObjs is {numObjs}, too many to keep apart with size = {size}; use fewer, or a larger size"
         )
     kinds = kind_words(KEY, BALL, BOX)
     mission = MissionSpace("put the {} {} near the {} {}", COLOUR_WORDS, kinds, COLOUR_WORDS, kinds)
-    return Recipe(single_rooms.put_near, (numObjs,), size, size, 5 * size, mission, True)
+    return Recipe(single_rooms.put_near, (numObjs,), size, size, 5 * size, mission, see_through_walls=True)
 
 
 def go_to_door(*, size: int = 5) -> Recipe:
     """Return the recipe of a room with four doors, one of which is to be reached."""
     check_whole("size", size, 5, MAX_CELLS)
     mission = MissionSpace("go to the {} door", COLOUR_WORDS)
-    return Recipe(single_rooms.go_to_door, (), size, size, 4 * size**2, mission, True)
+    return Recipe(single_rooms.go_to_door, (), size, size, 4 * size**2, mission, see_through_walls=True)
 
 
 def memory(*, size: int = 8, random_length: bool = False) -> Recipe:
     """Return the recipe of a corridor that leads from an object to a choice between its match and another object."""
-    check_whole("size", size, 7 if check_bool("random_length", random_length) else 5, MAX_CELLS - 1, odd=True)
+    smallest = 7 if check_bool("random_length", random_length) else 5
+    check_whole("size", size, smallest, MAX_CELLS - 1, odd=True)
     mission = MissionSpace("go to the matching object at the end of the hallway")
     return Recipe(single_rooms.memory, (int(random_length),), size, size, 5 * size**2, mission)
 
@@ -169,17 +177,19 @@ def unlock() -> Recipe:
 def unlock_pickup() -> Recipe:
     """Return the recipe of a box behind a locked door."""
     mission = MissionSpace("pick up the {} box", COLOUR_WORDS)
-    return Recipe(room_grid.unlock_pickup, (0,), 11, 6, 288, mission, room_size=room_grid.SIZE)
+    blocked = 0
+    return Recipe(room_grid.unlock_pickup, (blocked,), 11, 6, 288, mission, room_size=room_grid.SIZE)
 
 
 def blocked_unlock_pickup() -> Recipe:
     """Return the recipe of a box behind a locked door that a ball blocks."""
     mission = MissionSpace("pick up the {} {}", COLOUR_WORDS, kind_words(BOX, KEY))
-    return Recipe(room_grid.unlock_pickup, (1,), 11, 6, 576, mission, room_size=room_grid.SIZE)
+    blocked = 1
+    return Recipe(room_grid.unlock_pickup, (blocked,), 11, 6, 576, mission, room_size=room_grid.SIZE)
 
 
 def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] = "ball", room_size: int = 6) -> Recipe:
-    """Return the recipe of an object behind a locked door off a corridor."""
+    """Return the recipe of a corridor between rooms, one of which has a locked door with an object behind it."""
     kind = KINDS.index(check_one_of("obj_type", obj_type, ("key", "ball", "box")))
     check_whole("room_size", room_size, 3, MAX_CELLS // 3)
     check_whole("num_rows", num_rows, 1, min(100, (MAX_CELLS - 1) // (room_size - 1)))
@@ -191,11 +201,10 @@ def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] =
 
 
 def obstructed_pair(*, key_in_box: bool = True, blocked: bool = True) -> Recipe:
-    """Return the recipe of a blue ball behind one locked door."""
+    """Return the recipe of two rooms with a blue ball behind the locked door between them."""
     numbers = (int(check_bool("key_in_box", key_in_box)), int(check_bool("blocked", blocked)))
-    return Recipe(
-        room_grid.obstructed_pair, numbers, 11, 6, 288, MissionSpace("pick up the blue ball"), room_size=room_grid.SIZE
-    )
+    mission = MissionSpace("pick up the blue ball")
+    return Recipe(room_grid.obstructed_pair, numbers, 11, 6, 288, mission, room_size=room_grid.SIZE)
 
 
 def obstructed_maze(
@@ -207,17 +216,17 @@ def obstructed_maze(
     num_rooms_visited: int = 25,
     keys_last: bool = False,
 ) -> Recipe:
-    """Return the recipe of nine rooms with a blue ball in a corner."""
-    column, line = check_pair("agent_room", agent_room, 0, 2)
+    """Return the recipe of three rooms by three with a blue ball in a corner room."""
+    column, row = check_pair("agent_room", agent_room, 0, 2)
     check_whole("num_quarters", num_quarters, 1, 4)
     check_whole("num_rooms_visited", num_rooms_visited, 1, 1_000_000)
-    boxed = int(check_bool("key_in_box", key_in_box))
-    hindered = int(check_bool("blocked", blocked))
-    numbers = (column + 3 * line, boxed, hindered, num_quarters, int(check_bool("keys_last", keys_last)))
+    room = column + 3 * row
+    has_boxes = check_bool("key_in_box", key_in_box)
+    has_balls = check_bool("blocked", blocked)
+    numbers = (room, int(has_boxes), int(has_balls), num_quarters, int(check_bool("keys_last", keys_last)))
     mission = MissionSpace("pick up the blue ball")
-    return Recipe(
-        room_grid.obstructed_maze, numbers, 16, 16, 144 * num_rooms_visited, mission, room_size=room_grid.SIZE
-    )
+    max_steps = 144 * num_rooms_visited
+    return Recipe(room_grid.obstructed_maze, numbers, 16, 16, max_steps, mission, room_size=room_grid.SIZE)
 
 
 _FAMILIES: tuple[Callable[..., Recipe], ...] = (
@@ -247,23 +256,37 @@ def recipe(family: str, **options: Any) -> Recipe:
         raise WorldError(f"the family {family!r} does not take {options}: {error}") from error
 
 
-def _place(name: str, place: Place, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
-    """Check the coordinates of a cell, and return them; return (-1, -1) for a cell that is drawn."""
+def _cell_numbers(name: str, place: Place, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
+    """Return the column and row of a cell as the numbers of a layout: (-1, -1) for None, so that the layout draws one.
+
+    Raises:
+        WorldError: if the cell is outside the grid, or in one of ``wall`` rows and columns at each edge.
+    """
     if place is None:
         return (-1, -1)
     return check_cell(name, place, width, height, wall=wall)
 
 
-def _start(place: Place, direction: int, width: int, height: int) -> tuple[int, int, int]:
+def _start_numbers(place: Place, direction: int, width: int, height: int) -> tuple[int, int, int]:
+    """Return the agent's column, row and direction as the numbers of a layout, as `_cell_numbers` does.
+
+    Raises:
+        WorldError: if the cell or the direction is not valid.
+    """
     check_whole("agent_start_dir", direction, 0, 3)
-    return *_place("agent_start_pos", place, width, height, wall=1), direction
+    return *_cell_numbers("agent_start_pos", place, width, height, wall=1), direction
 
 
-def _objects(count: int, fewest: int, most: int, size: int) -> None:
-    """Check that ``count`` objects and the agent fit into a room."""
+def _check_objects(count: int, fewest: int, most: int, size: int) -> None:
+    """Check that a room of ``size`` cells on a side is valid, and that ``count`` objects and the agent fit into it.
+
+    Raises:
+        WorldError: if they do not, or there are not ``fewest`` to ``most`` objects.
+    """
     check_whole("size", size, 4, MAX_CELLS)
     check_whole("numObjs", count, fewest, max(fewest, min(most, (size - 2) ** 2 - 1)))
 
 
-def _obstacle(name: str) -> int:
+def _obstacle_code(name: str) -> int:
+    """Return the code of the cells of an obstacle; raise a WorldError if there is no obstacle of that name."""
     return OBSTACLES[check_one_of("obstacle_type", name, tuple(OBSTACLES))]

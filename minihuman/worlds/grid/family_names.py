@@ -48,7 +48,8 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
 )
 
 
-def _target(world: Any, first: int) -> Place:
+def _target_cell(world: Any, first: int) -> Place:
+    """Return the cell in the numbers ``first`` and ``first + 1`` of the world's task."""
     row = world.state.row
     return int(row[TARGET + first]), int(row[TARGET + first + 1])
 
@@ -60,24 +61,24 @@ def _obstacles(world: Any) -> list[ObjectView]:
 
 
 def _target_pos(world: Any) -> Place:
-    return _target(world, 0 if world.state.row[TASK] == rewards.STAND_BY else 2)
+    return _target_cell(world, 0 if world.state.row[TASK] == rewards.STAND_BY else 2)
 
 
 def _success_pos(world: Any) -> Place:
-    return _target(world, 0)
+    return _target_cell(world, 0)
 
 
 def _failure_pos(world: Any) -> Place:
-    return _target(world, 2)
+    return _target_cell(world, 2)
 
 
 def _first_door(world: Any) -> ObjectView | None:
-    door: ObjectView | None = world.grid.get(*_target(world, 0))
+    door: ObjectView | None = world.grid.get(*_target_cell(world, 0))
     return door
 
 
 def _second_door(world: Any) -> ObjectView | None:
-    door: ObjectView | None = world.grid.get(*_target(world, 2))
+    door: ObjectView | None = world.grid.get(*_target_cell(world, 2))
     return door
 
 
@@ -102,7 +103,7 @@ def _word_before_last(world: Any) -> str:
     return str(world.mission).split()[-2]
 
 
-def _update_positions(world: Any) -> Callable[..., None]:
+def _position_update(world: Any) -> Callable[..., None]:
     def update_objs_poss(instr: InstructionView | None = None) -> None:
         """Do nothing, because the positions of an instruction's objects are always up to date."""
 
@@ -113,7 +114,8 @@ def _instruction(world: Any) -> InstructionView:
     return view_instruction(world.object_views())
 
 
-def _kinds_of_things(world: Any) -> list[str]:
+def _object_kinds(world: Any) -> list[str]:
+    """Return the kinds of the objects that the layouts of a world draw."""
     if world.state.row[TASK] == rewards.FETCH:
         return ["key", "ball"]
     return ["key", "ball", "box"]
@@ -139,7 +141,7 @@ _TASK_NAMES: Mapping[str, tuple[_TaskName, ...]] = MappingProxyType(
         "target_type": (_TaskName((rewards.PUT_NEAR,), _last_word),),
         "targetType": (_TaskName((rewards.FETCH,), _target_kind), _TaskName((rewards.STAND_BY,), _last_word)),
         "targetColor": (_TaskName((rewards.FETCH,), _target_colour),),
-        "obj_types": (_TaskName((rewards.FETCH, rewards.STAND_BY, rewards.PUT_NEAR), _kinds_of_things),),
+        "obj_types": (_TaskName((rewards.FETCH, rewards.STAND_BY, rewards.PUT_NEAR), _object_kinds),),
         "move_type": (_TaskName((rewards.PUT_NEAR,), _target_kind),),
         "moveColor": (_TaskName((rewards.PUT_NEAR,), _target_colour),),
         "success_pos": (_TaskName((rewards.MATCH,), _success_pos),),
@@ -148,7 +150,7 @@ _TASK_NAMES: Mapping[str, tuple[_TaskName, ...]] = MappingProxyType(
         "blue_door": (_TaskName((rewards.IN_ORDER,), _second_door),),
         "door": (_TaskName((rewards.OPEN_DOOR,), _first_door),),
         "obj": (_TaskName((rewards.PICK,), _picked_object),),
-        "update_objs_poss": (_TaskName((rewards.INSTRUCTED,), _update_positions),),
+        "update_objs_poss": (_TaskName((rewards.INSTRUCTED,), _position_update),),
         "instrs": (_TaskName((rewards.INSTRUCTED,), _instruction),),
         "surface": (_TaskName((rewards.INSTRUCTED,), _mission),),
     }
@@ -180,10 +182,10 @@ FAMILY_NAMES = frozenset({*_TASK_NAMES, *_ROOM_NAMES, *INSTEAD})
 
 
 def read_family_name(world: Any, name: str) -> Any:
-    """Return the value of an attribute that Minigrid's class of this world has.
+    """Return the value of an attribute that Minigrid's class of this world has: of its task, or of its grid of rooms.
 
     Raises:
-        WorldAttributeError: if the class has no such attribute; the message says what to use instead.
+        WorldAttributeError: if this world has no such attribute; the message says what to use instead.
     """
     attributes = vars(world)
     if name in _TASK_NAMES and "_row" in attributes:

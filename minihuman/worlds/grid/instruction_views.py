@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from minihuman.worlds.grid.babyai.encoding import described_objects, instruction_of
-from minihuman.worlds.grid.babyai.language import After, And, Before, Clause, Instruction, ObjectDescription, PutNext
+from minihuman.worlds.grid.babyai.language import After, And, Before, Instruction, ObjectDescription, PutNext
 from minihuman.worlds.grid.object_views import ObjectView, ObjectViews
 from minihuman.worlds.upstream_names import WorldAttributeError
 
 Place = tuple[int, int]  # column, row
-_OF_MINIGRID = "minigrid.envs.babyai.core.verifier"
+_MINIGRID_MODULE = "minigrid.envs.babyai.core.verifier"
 _INSTEAD = {
     "verify": "env.unwrapped.subgoals() says what is done",
     "verify_action": "env.unwrapped.subgoals() says what is done",
@@ -36,7 +36,7 @@ class _View:
 
     @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
     def __class__(self) -> builtins.type:
-        return getattr(sys.modules.get(_OF_MINIGRID), self._class_name, builtins.type(self))
+        return getattr(sys.modules.get(_MINIGRID_MODULE), self._class_name, builtins.type(self))
 
     def __getattr__(self, name: str) -> Any:
         if name in _INSTEAD:
@@ -57,8 +57,8 @@ class DescriptionView(_View):
         self.loc = description.place
         self.obj_set = list(things)
         self._sentence = str(description)
-        self._noted = [thing.cur_pos for thing in things]
-        self._places: list[Place] = [place for place in self._noted if place is not None]
+        self._last_positions = [thing.cur_pos for thing in things]
+        self._places: list[Place] = [place for place in self._last_positions if place is not None]
 
     @property
     def obj_poss(self) -> list[Place]:
@@ -66,10 +66,11 @@ class DescriptionView(_View):
 
         An object that the agent carries stays listed at its last position.
         """
-        now = [thing.cur_pos for thing in self.obj_set]
-        if any(place is not None and place != noted for place, noted in zip(now, self._noted, strict=True)):
-            self._noted = now
-            self._places = sorted(place for place in now if place is not None)
+        positions = [thing.cur_pos for thing in self.obj_set]
+        pairs = zip(positions, self._last_positions, strict=True)
+        if any(place is not None and place != last_place for place, last_place in pairs):
+            self._last_positions = positions
+            self._places = sorted(place for place in positions if place is not None)
         return self._places
 
     def find_matching_objs(self, env: Any, use_location: bool = True) -> tuple[list[ObjectView], list[Place]]:
@@ -101,26 +102,33 @@ def view_instruction(views: ObjectViews) -> InstructionView:
     """Return the view of an episode's instruction, the same view on each call."""
     if views.instructions is None:
         row = views.state.row
-        views.instructions = _view(instruction_of(row), _Things(views, described_objects(row).copy()))
+        things = _DescribedObjects(views, described_objects(row).copy())
+        views.instructions = _build_view(instruction_of(row), things)
     view: InstructionView = views.instructions
     return view
 
 
-class _Things:
-    """The objects that match each description of an instruction, read clause after clause."""
+class _DescribedObjects:
+    """The objects that match each description of an instruction, read clause after clause.
+
+    Args:
+        views: the views of the episode's objects.
+        bits: for each object, by identity - 1, which descriptions it matches: bits 2 n and 2 n + 1 for clause n.
+    """
 
     def __init__(self, views: ObjectViews, bits: Any) -> None:
         self._views = views
-        self._bits = bits  # by identity - 1
-        self._clauses = 0
+        self._bits = bits
+        self._clause_count = 0  # of the clauses that were read
 
-    def clause(self, clause: Clause) -> tuple[list[ObjectView], list[ObjectView]]:
-        """Return the objects of the next clause, and the objects next to which they are put."""
-        number = 2 * self._clauses
-        self._clauses += 1
-        return self._meant(number), self._meant(number + 1)
+    def read_clause(self) -> tuple[list[ObjectView], list[ObjectView]]:
+        """Return the objects of the next clause, and the objects next to which the clause wants them put."""
+        number = 2 * self._clause_count
+        self._clause_count += 1
+        return self._matching(number), self._matching(number + 1)
 
-    def _meant(self, number: int) -> list[ObjectView]:
+    def _matching(self, number: int) -> list[ObjectView]:
+        """Return the objects in the grid that match a description by its number, column by column."""
         identities = np.flatnonzero(self._bits >> number & 1) + 1
         things = [self._views.of_identity(identity) for identity in identities.tolist()]
         return sorted((thing for thing in things if thing.cur_pos is not None), key=_column_by_column)
@@ -131,17 +139,18 @@ def _column_by_column(thing: ObjectView) -> Place:
     return thing.cur_pos
 
 
-def _view(instruction: Instruction, things: _Things) -> InstructionView:
+def _build_view(instruction: Instruction, things: _DescribedObjects) -> InstructionView:
+    """Return the view of an instruction, reading the objects of its clauses from ``things`` in order."""
     sentence = str(instruction)
     if isinstance(instruction, And | Before | After):
         attributes: dict[str, Any] = {
-            "instr_a": _view(instruction.left, things),
-            "instr_b": _view(instruction.right, things),
+            "instr_a": _build_view(instruction.left, things),
+            "instr_b": _build_view(instruction.right, things),
             "strict": getattr(instruction, "strict", False),
         }
         return InstructionView(f"{type(instruction).__name__}Instr", sentence, attributes)
-    meant, fixed_things = things.clause(instruction)
-    description = DescriptionView(instruction.thing, meant)
+    clause_things, fixed_things = things.read_clause()
+    description = DescriptionView(instruction.thing, clause_things)
     if hasattr(instruction, "strict"):
         strict = {"strict": instruction.strict}
     else:

@@ -52,7 +52,7 @@ class Recipe:
     max_steps: int
     mission: MissionSpace | InstructionSpace
     see_through_walls: bool = False
-    actions: int = 7  # the first so many of the seven
+    actions: int = 7  # how many of the seven actions the world has: the first ones
     room_size: int = 0  # cells on a side of each room of a grid of equal rooms, walls included; 0 for other layouts
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
@@ -74,7 +74,7 @@ class Recipe:
         )
 
 
-MOST_TRIES = 10_000
+MOST_TRIES = 10_000  # cells that are drawn for an item before its layout fails
 T = TypeVar("T")
 Place = tuple[int, int]  # column, row
 
@@ -100,20 +100,24 @@ class Layout:
     ) -> None:
         self.width = int(row[fields.WIDTH])
         self.height = int(row[fields.HEIGHT])
-        self.mission = mission  # set it to give this episode another
-        self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
-        self.kinds = tuple(kinds)  # of the world's own
+        self.mission = mission  # a layout can set another for the episode
+        self.instruction: Instruction | None = None  # a layout sets it if the mission is an `InstructionSpace`
+        self.kinds = tuple(kinds)  # the world's own kinds
         self.bodies = bodies
         self._row = row
         self._np_random = np_random
         self._rng_state: RngState = np.zeros(6, np.uint64)
 
     def wall_rect(self, x: int = 0, y: int = 0, width: int | None = None, height: int | None = None) -> None:
-        """Put the four walls of a room, or of the whole grid without arguments. The size includes the walls."""
+        """Put the four walls of a room, or of the whole grid without arguments. The size includes the walls.
+
+        Raises:
+            WorldError: if a wall is outside the grid.
+        """
         width = self.width - x if width is None else width
         height = self.height - y if height is None else height
-        self._check(x, y)
-        self._check(x + width - 1, y + height - 1)
+        self._check_inside(x, y)
+        self._check_inside(x + width - 1, y + height - 1)
         placement.wall_rect(self._row, x, y, width, height)
 
     def across(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
@@ -127,15 +131,19 @@ class Layout:
             self.put(item or wall(), x, y + j)
 
     def put(self, item: Item, x: int, y: int) -> PlacedItem:
-        """Put an item into a cell, replacing whatever is there."""
-        self._check(x, y)
+        """Put an item into a cell, replacing whatever is there.
+
+        Raises:
+            WorldError: if the cell is outside the grid, or the item is of a kind that the world does not have.
+        """
+        self._check_inside(x, y)
         code = self._make(item)
         put(self._row, x, y, code)
         return PlacedItem(identities_of(code), x, y)
 
     def clear(self, x: int, y: int) -> None:
         """Make a cell empty."""
-        self._check(x, y)
+        self._check_inside(x, y)
         put(self._row, x, y, EMPTY)
 
     def place(
@@ -159,12 +167,12 @@ class Layout:
         Raises:
             WorldError: if no cell is free, or all cells that were drawn were rejected.
         """
-        x, y = self._draw(item.kind, top, size, reject, tries)
+        x, y = self._draw_free_cell(item.kind, top, size, reject, tries)
         return self.put(item, x, y)
 
     def put_agent(self, x: int, y: int, direction: int = 0, *, body: int = 0) -> None:
         """Put the agent, or one body of a team, into a cell, looking right (0), down (1), left (2) or up (3)."""
-        self._check(x, y)
+        self._check_inside(x, y)
         self._stand(body, x, y, direction)
 
     def place_agent(
@@ -175,7 +183,7 @@ class Layout:
         It looks in a random direction unless one is given.
         """
         self._stand(body, -1, -1, -1)
-        x, y = self._draw("agent", top, size, None, 1 if self.bodies == 1 else MOST_TRIES)
+        x, y = self._draw_free_cell("agent", top, size, None, 1 if self.bodies == 1 else MOST_TRIES)
         self._stand(body, x, y, self.integer(0, 4) if direction is None else direction)
         return x, y
 
@@ -201,7 +209,8 @@ class Layout:
         self._row[fields.TARGET : fields.TARGET + len(target)] = target
 
     def _make(self, item: Item) -> int:
-        kind = self._number(item)
+        """Make an object of an item, with its contents but in no cell yet; return its code, or that of scenery."""
+        kind = self._kind_number(item)
         colour = COLOURS.index(item.colour)
         state = DOOR_STATES.index(item.state)
         if not item.has_identity:
@@ -211,16 +220,17 @@ class Layout:
             self._row[contents_index(self._row, identities_of(code))] = self._make(item.contains)
         return int(code)
 
-    def _number(self, item: Item) -> int:
+    def _kind_number(self, item: Item) -> int:
         if item.own is None:
             return KINDS.index(item.kind)
         if item.own not in self.kinds:
             raise WorldError(f"unknown kind {item.kind!r}; add it to the world's kinds = (...)")
         return fields.FIRST_OWN_KIND + self.kinds.index(item.own)
 
-    def _draw(
+    def _draw_free_cell(
         self, noun: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int
     ) -> Place:
+        """Draw a free cell for what ``noun`` names; the other arguments and the error are those of `place`."""
         size = size or (self.width, self.height)
         read_rng_state(self._np_random, self._rng_state)
         for _ in range(tries):
@@ -242,7 +252,7 @@ class Layout:
         starts = (body_index(self._row, body) for body in range(1, self.bodies))
         return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
 
-    def _check(self, x: int, y: int) -> None:
+    def _check_inside(self, x: int, y: int) -> None:
         if not (0 <= x < self.width and 0 <= y < self.height):
             raise WorldError(f"cell ({x}, {y}) is outside the grid of {self.width} x {self.height} cells")
 
@@ -257,7 +267,7 @@ def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
     """Return the grid as a diagram of characters."""
     lines = []
     for y in range(state.height):
-        cells = [_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
+        cells = [_format_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
         if state.position[1] == y:
             cells[state.position[0]] = AGENT[state.direction]
         lines.append("".join(cells))
@@ -288,7 +298,7 @@ def observation_to_text(
         raise WorldError(f"the image has the unknown kind {highest}; pass the world's own kinds with kinds=(...)")
     numbers, colours, states = np.moveaxis(image.astype(np.int64), 2, 0)
     cells = [
-        [_observed(*cell, kinds) for cell in zip(*line, strict=True)]
+        [_format_observed_cell(*cell, kinds) for cell in zip(*line, strict=True)]
         for line in zip(numbers.T.tolist(), colours.T.tolist(), states.T.tolist(), strict=True)
     ]
     carried = ""
@@ -304,12 +314,13 @@ def observation_to_text(
     return "\n".join(lines)
 
 
-def _observed(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:
+def _format_observed_cell(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:
+    """Return the two characters of a cell of an observation, which can be unseen or show the agent."""
     if kind == UNSEEN:
         return ".."
-    if KINDS[kind : kind + 1] == ("agent",):
+    if kind == KINDS.index("agent"):
         return AGENT[state]
-    return _cell(pack(kind, colour, state, 0), kinds)
+    return _format_cell(pack(kind, colour, state, 0), kinds)
 
 
 def from_text(diagram: str, grid: Layout) -> None:
@@ -325,10 +336,11 @@ def from_text(diagram: str, grid: Layout) -> None:
             if cell in AGENT:
                 grid.put_agent(x // 2, y, AGENT.index(cell))
             elif cell != "  ":
-                grid.put(_item(cell, x // 2, y, grid.kinds), x // 2, y)
+                grid.put(_parse_cell(cell, x // 2, y, grid.kinds), x // 2, y)
 
 
-def _cell(code: int, kinds: Sequence[ObjectKind]) -> str:
+def _format_cell(code: int, kinds: Sequence[ObjectKind]) -> str:
+    """Return the two characters of a cell's code: the letter of its kind and that of its colour."""
     if kind_of(code) == EMPTY:
         return "  "
     if code == GREY_WALL:
@@ -336,7 +348,8 @@ def _cell(code: int, kinds: Sequence[ObjectKind]) -> str:
     colour = COLOUR_LETTERS[colour_of(code)]
     if kind_of(code) >= fields.FIRST_OWN_KIND:
         own = kinds[kind_of(code) - fields.FIRST_OWN_KIND]
-        return (own.letter.lower() if own.opens and state_of(code) == OPEN else own.letter) + colour
+        is_open = own.opens and state_of(code) == OPEN
+        return (own.letter.lower() if is_open else own.letter) + colour
     kind = KINDS[kind_of(code)]
     if kind == "door":
         letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]]
@@ -345,18 +358,23 @@ def _cell(code: int, kinds: Sequence[ObjectKind]) -> str:
     return letter + colour
 
 
-def _item(cell: str, x: int, y: int, kinds: Sequence[ObjectKind]) -> Item:
+def _parse_cell(cell: str, x: int, y: int, kinds: Sequence[ObjectKind]) -> Item:
+    """Return the item that the two characters of a cell stand for.
+
+    Raises:
+        WorldError: if they stand for none; the message names the cell's column x and row y.
+    """
     if cell == "WW":
         return Item("wall", "grey")
     letter = cell[0]
     colour = cell[1]
     if colour in COLOUR_LETTERS:
         name = COLOURS[COLOUR_LETTERS.index(colour)]
-        for state, door in DOOR_LETTERS.items():
-            if letter == door:
+        for state, door_letter in DOOR_LETTERS.items():
+            if letter == door_letter:
                 return Item("door", name, state)
-        for kind, other in KIND_LETTERS.items():
-            if letter == other:
+        for kind, kind_letter in KIND_LETTERS.items():
+            if letter == kind_letter:
                 return Item(kind, name)
         for own in kinds:
             if letter == own.letter or (own.opens and letter == own.letter.lower()):

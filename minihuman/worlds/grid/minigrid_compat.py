@@ -44,8 +44,8 @@ class MinigridCompat(abc.ABC):
         def __getattr__(self, name: str) -> Any:
             """Declare the other attributes of grid worlds for type checkers."""
 
-    _is_made = False  # a world of the catalogue is: from then on no attribute is added
-    _views: ObjectViews | None = None  # of the episode's things, once one was asked for
+    _is_made = False  # whether a `GridEnv` has been made, after which it takes no new attribute
+    _views: ObjectViews | None = None  # the views of the episode's objects, made when the first is read
 
     @property
     @abc.abstractmethod
@@ -122,9 +122,10 @@ class MinigridCompat(abc.ABC):
     def goal_pos(self) -> Place | None:
         """Return the column and row of the first goal in row order, or None if there is no goal."""
         goals = np.argwhere(self.state.kinds.T == GOAL)
-        if len(goals):
-            return (int(goals[0, 1]), int(goals[0, 0]))
-        return None
+        if len(goals) == 0:
+            return None
+        row, column = goals[0].tolist()
+        return column, row
 
     @set_instead("put a Goal into a cell with put_obj()")
     def goal_position(self) -> Place | None:
@@ -142,7 +143,7 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set step_count or max_steps")
     def steps_remaining(self) -> int:
-        """Return the number of steps left before the episode is truncated."""
+        """Return the number of steps that can be taken before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
     @UpstreamName
@@ -257,14 +258,14 @@ class MinigridCompat(abc.ABC):
         place = self.relative_coords(x, y)
         if place is None:
             return False
-        lies = self.state.cells[x, y]
+        code = int(self.state.cells[x, y])
         shown_cell = self.look(int(self.agent_view_size))[place]
-        return bool(lies != EMPTY and shown_cell[0] == kind_of(int(lies)))
+        return bool(code != EMPTY and shown_cell[0] == kind_of(code))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
         """Draw the grid from above, or what the agent sees, always in Minigrid's own tiles.
 
-        Minigrid's wrappers therefore give the same pixels as around Minigrid's worlds. `frame` uses our palettes.
+        Minigrid's wrappers therefore give the same pixels as with Minigrid's worlds. `frame` uses the world's palette.
         """
         return draw_grid(
             self.state.row,
@@ -306,6 +307,16 @@ class MinigridCompat(abc.ABC):
     ) -> Place:
         """Put an object into a random empty cell of a rectangle, drawn from ``np_random`` as Minigrid draws it.
 
+        Args:
+            obj: the object to put; None to put nothing and only return a cell.
+            top: the column and row of the top left cell of the rectangle; by default, that of the grid.
+            size: the columns and rows of the rectangle; by default, those of the grid.
+            reject_fn: a function that says, given the world and a free cell, whether to reject the cell.
+            max_tries: the maximum number of cells to draw, minus 1.
+
+        Returns:
+            The cell.
+
         Raises:
             RecursionError: if no cell was accepted in ``max_tries`` tries.
         """
@@ -332,7 +343,9 @@ class MinigridCompat(abc.ABC):
         In a grid of equal rooms the arguments are ``i``, ``j`` and ``rand_dir``: the column and row of a room, which
         are drawn if not given. Elsewhere they are ``top``, ``size``, ``rand_dir`` and ``max_tries``.
         """
-        return (self._place_agent_in_room if self._room_size else self._place_agent)(*arguments, **named)
+        if self._room_size:
+            return self._place_agent_in_room(*arguments, **named)
+        return self._place_agent(*arguments, **named)
 
     def _place_agent(
         self,
@@ -350,11 +363,9 @@ class MinigridCompat(abc.ABC):
     def _place_agent_in_room(self, i: int | None = None, j: int | None = None, rand_dir: bool = True) -> Place:
         rooms = self._rooms()
         rng = self.np_random
-        if i is None:
-            column = int(rng.integers(0, rooms.columns))
-        else:
-            column = i
-        room = rooms.room(column, int(rng.integers(0, rooms.rows)) if j is None else j)
+        column = int(rng.integers(0, rooms.columns)) if i is None else i
+        row = int(rng.integers(0, rooms.rows)) if j is None else j
+        room = rooms.room(column, row)
         while True:
             self._place_agent(room.top, room.size, rand_dir, max_tries=1000)
             ahead = self.grid.get(*self.front_pos)
@@ -364,6 +375,8 @@ class MinigridCompat(abc.ABC):
     def place_in_room(self, i: int, j: int, obj: Any) -> tuple[ObjectView, Place]:
         """Put an object into a random cell of a room, not next to the agent, drawn as Minigrid draws it.
 
+        Return the object's view and the cell.
+
         Raises:
             RecursionError: if no free cell was found.
         """
@@ -372,12 +385,15 @@ class MinigridCompat(abc.ABC):
         place = self.place_obj(
             obj, room.top, room.size, lambda _, at: abs(at[0] - agent[0]) + abs(at[1] - agent[1]) < 2, max_tries=1000
         )
-        laid = self.grid.get(*place)
-        assert laid is not None
-        return laid, place
+        view = self.grid.get(*place)
+        assert view is not None
+        return view, place
 
     def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
-        """Put a new key, ball or box into a room. Its kind and colour are drawn if they are not given."""
+        """Put a new key, ball or box into a room, and return its view and the cell.
+
+        Its kind and colour are drawn if they are not given.
+        """
         rng = self.np_random
         if kind is None:
             kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
@@ -391,29 +407,23 @@ class MinigridCompat(abc.ABC):
     def add_distractors(
         self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
     ) -> list[ObjectView]:
-        """Put new keys, balls and boxes into a room, or into random rooms.
+        """Put new keys, balls and boxes into a room, or into random rooms, and return their views.
 
-        With ``all_unique``, no two objects in the world have the same kind and colour.
+        With ``all_unique``, none has the same kind and colour as another object that can be carried.
         """
         rooms = self._rooms()
         rng = self.np_random
-        lying = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
+        present = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
         added: list[ObjectView] = []
         while len(added) < num_distractors:
             colour = COLOURS[SORTED_COLOURS[int(rng.integers(0, 6))]]
             kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
-            if all_unique and (kind, colour) in lying:
+            if all_unique and (kind, colour) in present:
                 continue
-            if i is None:
-                column = int(rng.integers(0, rooms.columns))
-            else:
-                column = i
-            if j is None:
-                row = int(rng.integers(0, rooms.rows))
-            else:
-                row = j
+            column = int(rng.integers(0, rooms.columns)) if i is None else i
+            row = int(rng.integers(0, rooms.rows)) if j is None else j
             added.append(self.add_object(column, row, kind, colour)[0])
-            lying.add((kind, colour))
+            present.add((kind, colour))
         return added
 
     @property
@@ -422,6 +432,7 @@ class MinigridCompat(abc.ABC):
         return int(getattr(vars(self).get("recipe"), "room_size", 0))
 
     def _rooms(self) -> RoomGridView:
+        """Return the rooms of a grid of equal rooms; raise a WorldError in other layouts."""
         if not self._room_size:
             raise WorldError(f"{self} is not a grid of equal rooms, so no cell has a room; compare columns and rows")
         return RoomGridView(self.grid, self._room_size)
@@ -433,7 +444,9 @@ class MinigridCompat(abc.ABC):
             WorldError: if the world is not a grid of equal rooms.
         """
         rooms = self._rooms()
-        column, row = (min(at, count - 2) // (rooms.size - 1) for at, count in ((x, self.width), (y, self.height)))
+        stride = rooms.size - 1  # neighbouring rooms share a wall, which belongs to the room after it
+        column = min(x, self.width - 2) // stride  # the last wall belongs to the last room
+        row = min(y, self.height - 2) // stride
         return rooms.room(column, row)
 
     def get_room(self, i: int, j: int) -> RoomView:

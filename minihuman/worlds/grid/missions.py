@@ -45,7 +45,7 @@ class Sentences(spaces.Text):
         super().__init__(max_length, min_length=0, charset=letters, seed=seed)
 
 
-class _Shared(Sequence[str]):
+class _SharedSentences(Sequence[str]):
     """The current sentences in shared memory. A copy is a tuple of the sentences at the time of copying."""
 
     def __init__(self, letters: NDArray[np.int32]) -> None:
@@ -73,24 +73,27 @@ class _Shared(Sequence[str]):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and tuple(self) == tuple(other)
 
-    __hash__ = None  # type: ignore[assignment]  # it changes
+    __hash__ = None  # type: ignore[assignment]  # the sentences change
 
     def __repr__(self) -> str:
         return repr(tuple(self))
 
 
 @create_shared_memory.register(Sentences)
-def _create(space: Sentences, n: int = 1, ctx: Any = None) -> Any:
+def _create_shared(space: Sentences, n: int = 1, ctx: Any = None) -> Any:
+    """Return shared memory for a sentence of each of ``n`` worlds: an int32 per letter."""
     return ctx.Array("i", n * max(space.max_length, 1))
 
 
 @read_from_shared_memory.register(Sentences)
-def _read(space: Sentences, shared_memory: Any, n: int = 1) -> _Shared:
-    return _Shared(np.frombuffer(shared_memory.get_obj(), np.int32).reshape(n, -1))
+def _read_shared(space: Sentences, shared_memory: Any, n: int = 1) -> _SharedSentences:
+    """Return the sentences of ``n`` worlds, which are read again from shared memory at each access."""
+    return _SharedSentences(np.frombuffer(shared_memory.get_obj(), np.int32).reshape(n, -1))
 
 
 @write_to_shared_memory.register(Sentences)
-def _write(space: Sentences, index: int, value: str, shared_memory: Any) -> None:
+def _write_shared(space: Sentences, index: int, value: str, shared_memory: Any) -> None:
+    """Write the sentence of a world into shared memory, filled up with `NO_LETTER`."""
     length = max(space.max_length, 1)
     row = np.frombuffer(shared_memory.get_obj(), np.int32)[index * length : (index + 1) * length]
     row[:] = NO_LETTER
@@ -140,19 +143,19 @@ class MissionSpace(Sentences):
         return self.template
 
     def sentence(self, numbers: Sequence[int]) -> str:
-        """Return the sentence with the given choices. Numbers beyond the template's placeholders are ignored."""
+        """Return the sentence with the given choices, one number per placeholder; further numbers are ignored."""
         if not self.choices:
             return self.template
         return self.template.format(*(words[number] for words, number in zip(self.choices, numbers, strict=False)))
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """Return a random sentence. Masks and probabilities are not supported."""
+        """Return a random sentence; raise a WorldError if a mask or a probability is given."""
         if mask is not None or probability is not None:
             raise WorldError("a mission space samples uniformly and takes no mask and no probability; remove them")
         return self.sentence([list(words)[self.np_random.integers(len(words))] for words in self.choices])
 
     def first(self) -> str:
-        """Return the sentence with the first of all choices, which is the mission before the first reset."""
+        """Return the sentence with the first choice for each placeholder, the mission before the first reset."""
         return self.sentence([next(iter(words)) for words in self.choices])
 
     def contains(self, x: Any) -> bool:
@@ -172,5 +175,5 @@ COLOUR_WORDS = dict(enumerate(COLOURS))  # choices by colour number
 
 
 def kind_words(*kinds: int) -> dict[int, str]:
-    """Return the names of some kinds by number, as choices."""
+    """Return the names of some kinds by number, as choices of a `MissionSpace`."""
     return {kind: KINDS[kind] for kind in kinds}

@@ -20,6 +20,8 @@ from minihuman.worlds.grid.core.cells import DOOR_STATES, KINDS
 from minihuman.worlds.grid.core.state import CARRIED, FIRST_OWN_KIND, HIDES, MAX_OWN_KINDS, OPENS, STEPPED_ON
 from minihuman.worlds.grid.pictures.tiles import Canvas
 
+_BUILT_IN_KINDS = KINDS[2:10]  # from "wall" to "lava": those that a layout can put into a cell
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
@@ -27,14 +29,14 @@ class Item:
 
     kind: str
     colour: str
-    state: str = "open"  # doors: open, closed or locked
-    contains: "Item | None" = None  # boxes
-    own: "ObjectKind | None" = None  # what made it, where it is of no kind of ours
+    state: str = "open"  # of a door: open, closed or locked
+    contains: "Item | None" = None  # of a box
+    own: "ObjectKind | None" = None  # the world's own kind that made it; None for a built-in kind
 
     def __post_init__(self) -> None:
-        """Check that the kind, the colour, the door state and the contents are valid."""
-        if self.own is None and self.kind not in KINDS[2:10]:
-            raise WorldError(f"unknown kind {self.kind!r} of item; use one of {', '.join(KINDS[2:10])}")
+        """Check that the kind, the colour, the door state and the contents are valid; raise a WorldError if not."""
+        if self.own is None and self.kind not in _BUILT_IN_KINDS:
+            raise WorldError(f"unknown kind {self.kind!r} of item; use one of {', '.join(_BUILT_IN_KINDS)}")
         if self.colour not in COLOURS:
             raise WorldError(f"unknown colour {self.colour!r}; use one of {', '.join(COLOURS)}")
         if self.state not in DOOR_STATES:
@@ -105,9 +107,10 @@ def box(colour: Colour, contains: Item | None = None) -> Item:
 
 
 RGB = tuple[int, int, int]
-Draw = Callable[[Canvas, RGB, str], None]  # a tile to paint on, the thing's colour, "open", "closed" or "locked"
+# takes a tile to paint on, the colour of the object, and its state: "open", "closed" or "locked"
+Draw = Callable[[Canvas, RGB, str], None]
 
-TAKEN_LETTERS = frozenset("WFDLOKABGV")  # by what there is already
+TAKEN_LETTERS = frozenset("WFDLOKABGV")  # by the built-in kinds and the states of doors
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +136,8 @@ def plain(canvas: Canvas, colour: RGB, state: str) -> None:
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.12), colour)
     if state != "open":
         return
-    dark = tuple(part * 0.6 for part in colour)
-    canvas.fill(canvas.box(0.24, 0.24, 0.76, 0.76, 0.08), (dark[0], dark[1], dark[2]))
+    red, green, blue = (part * 0.6 for part in colour)  # darker
+    canvas.fill(canvas.box(0.24, 0.24, 0.76, 0.76, 0.08), (red, green, blue))
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +168,7 @@ class ObjectKind:
     inside_open: BlockShape | MeshShape | None = None
 
     def __post_init__(self) -> None:
-        """Check that the name and the letter are valid and not taken."""
+        """Check that the name and the letter are valid and not taken; raise a WorldError if not."""
         if not self.name or self.name in KINDS:
             raise WorldError(f"a kind cannot be called {self.name!r}; {', '.join(KINDS)} are taken")
         if len(self.letter) != 1 or not "A" <= self.letter <= "Z" or self.letter in TAKEN_LETTERS:
@@ -182,14 +185,16 @@ class ObjectKind:
         """
         if (locked or is_open) and not self.opens:
             raise WorldError(f"{self.name!r} does not open, so it cannot be locked or open; define it with opens=True")
-        closed = "locked" if locked else "closed"
-        return Item(self.name, colour, closed if self.opens and not is_open else "open", own=self)
+        state = "open"
+        if self.opens and not is_open:
+            state = "locked" if locked else "closed"
+        return Item(self.name, colour, state, own=self)
 
     @property
     def bits(self) -> int:
-        """Return the kind's properties as a bit field, which kernels read."""
+        """Return the kind's properties as a field of four bits, which kernels read."""
         flags = (self.stepped_on, STEPPED_ON), (self.carried, CARRIED), (self.hides, HIDES), (self.opens, OPENS)
-        return sum(bit for does, bit in flags if does)
+        return sum(bit for has_property, bit in flags if has_property)
 
     @property
     def has_identity(self) -> bool:
@@ -198,7 +203,7 @@ class ObjectKind:
 
 
 def check_kinds(kinds: Sequence[ObjectKind]) -> int:
-    """Check a world's own kinds, and return the number that encodes them in its row.
+    """Check a world's own kinds, and return their properties as bits of the number at `SEE_THROUGH` in its row.
 
     Raises:
         WorldError: if there are too many, or two share a name or a letter.
@@ -209,7 +214,7 @@ def check_kinds(kinds: Sequence[ObjectKind]) -> int:
         texts = [getattr(kind, attribute) for kind in kinds]
         if len(set(texts)) < len(texts):
             raise WorldError(f"two kinds of a world share a {attribute}: {', '.join(texts)}")
-    return sum(kind.bits << 1 + 4 * place for place, kind in enumerate(kinds))
+    return sum(kind.bits << 1 + 4 * position for position, kind in enumerate(kinds))
 
 
 def kind_name(number: int, kinds: Sequence[ObjectKind]) -> str:

@@ -40,7 +40,7 @@ from minihuman.worlds.options import check_bool, check_one_of
 from minihuman.worlds.upstream_names import WorldAttributeError
 
 Place = tuple[int, int]  # column, row
-_OF_MINIGRID = "minigrid.core.world_object"
+_MINIGRID_MODULE = "minigrid.core.world_object"
 _INSTEAD = {
     "render": "draw with env.unwrapped.get_frame()",
     "init_pos": "read cur_pos right after reset()",
@@ -62,7 +62,7 @@ class ObjectViews:
         self.state = State(self.state.row.copy())
 
     def of(self, code: int, place: Place | None) -> "ObjectView | None":
-        """Return the view of the object in a cell or in the agent's hand, or None if there is none."""
+        """Return the view of an object by its code, or None for EMPTY. ``place`` is its cell if it is scenery."""
         if code == EMPTY:
             return None
         identity = identity_of(code)
@@ -84,12 +84,12 @@ class ObjectViews:
         return view
 
     def make(self, kind: int, colour: int) -> "ObjectView":
-        """Return the view of a new object that has no place yet.
+        """Make a new object that lies in no cell yet, and return its view.
 
         Raises:
             WorldError: if the grid has no room for another object.
         """
-        view = self.of(_make(self.state, kind, colour, 0), None)
+        view = self.of(_make_object(self.state, kind, colour, 0), None)
         assert view is not None
         return view
 
@@ -101,8 +101,8 @@ class ObjectViews:
             return int(state.cells[place])
         if identity_of(state.carrying) == identity:
             return state.carrying
-        inside = state.contents[identities_of(state.contents) == identity]
-        return int(inside[0]) if len(inside) else EMPTY
+        matching_contents = state.contents[identities_of(state.contents) == identity]
+        return int(matching_contents[0]) if len(matching_contents) else EMPTY
 
     def replace(self, old: int, new: int, place: Place | None) -> None:
         """Replace the code of an object, wherever it is. Scenery has no identity and is replaced at ``place``."""
@@ -118,8 +118,8 @@ class ObjectViews:
             state.contents[identities_of(state.contents) == identity] = new
 
 
-def _make(state: State, kind: int, colour: int, door: int) -> int:
-    """Return the code of a new object.
+def _make_object(state: State, kind: int, colour: int, door: int) -> int:
+    """Make a new object that lies in no cell yet, and return its code. ``door`` is the state of a door, or 0.
 
     Raises:
         WorldError: if the grid has no room for another object.
@@ -146,11 +146,11 @@ class ObjectView:
     def __init__(self, views: ObjectViews, code: int, place: Place | None) -> None:
         self._views = views
         self._code = code
-        self._place = place  # of scenery; the state knows where other things lie
+        self._place = place  # of scenery; for other objects, the state has the cell
 
     @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
     def __class__(self) -> builtins.type:
-        return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
+        return getattr(sys.modules.get(_MINIGRID_MODULE), self.type.capitalize(), ObjectView)
 
     @property
     def views(self) -> ObjectViews:
@@ -221,14 +221,14 @@ class ObjectView:
     @property
     def contains(self) -> "ObjectView | None":
         """Return the contents of a box, or None if it is empty. Setting it replaces the contents."""
-        return self._views.of(self._inside, None)
+        return self._views.of(self._contents_code, None)
 
     @contains.setter
     def contains(self, thing: Any) -> None:
         if kind_of(self._code) != BOX or not identity_of(self._code):
             raise WorldAttributeError(f"a {self.type} contains nothing; put a Box into the cell and set its contains")
         grid = GridView(self._views)
-        self._views.state.row[self._contents_place] = 0 if thing is None else grid.code_for(thing)
+        self._views.state.row[self._contents_index] = 0 if thing is None else grid.code_for(thing)
 
     @property
     def cur_pos(self) -> Place | None:
@@ -250,7 +250,9 @@ class ObjectView:
 
     def can_overlap(self) -> bool:
         """Return whether the agent can stand on the object."""
-        return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
+        if self.own:
+            return self.is_open or self.own.stepped_on
+        return self.is_open or self.type in ("floor", "goal", "lava")
 
     def can_contain(self) -> bool:
         """Return False, because no action puts an object into another."""
@@ -258,14 +260,16 @@ class ObjectView:
 
     def see_behind(self) -> bool:
         """Return whether the agent sees what is behind the object."""
-        return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
+        if self.own:
+            return self.is_open or not self.own.hides
+        return self.is_open or self.type not in ("wall", "door")
 
     def encode(self) -> tuple[int, int, int]:
-        """Return the numbers of the object's kind, colour and state."""
+        """Return the numbers of the object's kind, colour and state, as observations show them."""
         return kind_of(self.code), colour_of(self.code), state_of(self.code)
 
     def toggle(self, env: Any, pos: Sequence[int]) -> bool:
-        """Apply the action "toggle" to the object; return whether it had an effect."""
+        """Apply the action "toggle" to the object in the cell ``pos`` of ``env``; return whether it had an effect."""
         if kind_of(self._code) == BOX:
             env.unwrapped.grid.set(*pos, self.contains)
             return True
@@ -285,8 +289,8 @@ class ObjectView:
         raise WorldAttributeError(f"a thing in a grid has no attribute {name!r}{advice}")
 
     def __eq__(self, other: object) -> bool:
-        mine = self.code, self.cur_pos, self.contains
-        return builtins.type(other) is ObjectView and mine == (other.code, other.cur_pos, other.contains)
+        own_parts = self.code, self.cur_pos, self.contains
+        return builtins.type(other) is ObjectView and own_parts == (other.code, other.cur_pos, other.contains)
 
     def __hash__(self) -> int:
         return hash((identity_of(self._code), self._place))
@@ -301,14 +305,14 @@ class ObjectView:
         return kind_of(self._code) == DOOR
 
     @property
-    def _contents_place(self) -> int:
+    def _contents_index(self) -> int:
         return int(contents_index(self._views.state.row, identity_of(self._code)))
 
     @property
-    def _inside(self) -> int:
+    def _contents_code(self) -> int:
         is_box = kind_of(self._code) == BOX and identity_of(self._code) > 0
         if is_box:
-            return int(self._views.state.row[self._contents_place]) or EMPTY
+            return int(self._views.state.row[self._contents_index]) or EMPTY
         return EMPTY
 
     def _check_opens(self, name: str) -> None:
@@ -381,12 +385,12 @@ class GridView:
     def horz_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
         """Put a row of walls, or of another class of objects, from a cell to the right; by default, to the edge."""
         for i in range(self.width - x if length is None else length):
-            self._lay(x + i, y, obj_type)
+            self._put_new(x + i, y, obj_type)
 
     def vert_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
         """Put a column of walls, or of another class of objects, from a cell down; by default, to the edge."""
         for j in range(self.height - y if length is None else length):
-            self._lay(x, y + j, obj_type)
+            self._put_new(x, y + j, obj_type)
 
     def wall_rect(self, x: int, y: int, w: int, h: int) -> None:
         """Put the four walls of a room. The size includes the walls."""
@@ -437,33 +441,30 @@ class GridView:
         if thing is None:
             return EMPTY
         if type(thing) is ObjectView and thing.views is self.views:
-            if identity_of(thing.code):
-                place = thing.cur_pos
-            else:
-                place = None
+            place = thing.cur_pos if identity_of(thing.code) else None  # scenery can lie in many cells
             if place is not None:
                 put(row, *place, EMPTY)  # it cannot lie in two cells
             return thing.code
         kind, colour, state = thing.encode()
         if not thing.can_pickup() and kind != DOOR:
             return pack(kind, colour, state, 0)
-        code = _make(self.views.state, kind, colour, state)
+        code = _make_object(self.views.state, kind, colour, state)
         if thing.contains is not None:
             row[contents_index(row, identity_of(code))] = self.code_for(thing.contains)
         return code
 
     def __contains__(self, key: Any) -> bool:
-        """Return whether the grid has this object, an object of this type, or one of this (colour, type)."""
+        """Return whether the grid has an object: an `ObjectView`, or any of a type or a (colour, type)."""
         if type(key) is ObjectView:
             return bool((self.codes == key.code).any())
         colour, kind = key if isinstance(key, tuple) else (None, key)
         return any(cell is not None and cell.type == kind and colour in (None, cell.color) for cell in self.grid)
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another grid, ours or Minigrid's, has the same encoding."""
+        """Return whether another grid, a `GridView` or one of Minigrid's, has the same encoding."""
         return hasattr(other, "encode") and np.array_equal(self.encode(), other.encode())
 
-    __hash__ = None  # type: ignore[assignment]  # it changes
+    __hash__ = None  # type: ignore[assignment]  # the cells change
 
     def __getattr__(self, name: str) -> Any:
         advice = ""
@@ -473,7 +474,7 @@ class GridView:
             advice = "; gen_obs_grid() says what is seen"
         raise WorldAttributeError(f"a grid has no attribute {name!r}{advice}")
 
-    def _lay(self, x: int, y: int, obj_type: Callable[[], Any] | None) -> None:
+    def _put_new(self, x: int, y: int, obj_type: Callable[[], Any] | None) -> None:
         if obj_type is not None:
             self.set(x, y, obj_type())
             return

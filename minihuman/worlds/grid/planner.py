@@ -21,8 +21,8 @@ from minihuman.worlds.grid.core.state import Row, State
 from minihuman.worlds.grid.descent import descend
 from minihuman.worlds.rng import RngState
 
-MAX_DODGING_STATES = 50_000  # a second or two
-MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is very large
+MAX_DODGING_STATES = 50_000  # searching them takes a second or two
+MOST_BYTES = 200_000_000  # of states: in a very large world, fewer are searched
 
 
 def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int32]) -> list[int] | None:
@@ -43,54 +43,60 @@ def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int3
     least_steps = int(bound[row[fields.X], row[fields.Y], row[fields.DIRECTION]])
     if least_steps >= FAR:
         return None
-    parents: list[tuple[int, int]] = [(-1, -1)]  # of each state: the one before, and the action between
-    most = min(MAX_DODGING_STATES, MOST_BYTES // row.nbytes)
-    waiting = [(least_steps, 0, 0, row, rng_state.copy())]
+    parents: list[tuple[int, int]] = [(-1, -1)]  # of each state: the number of the one before, and the action between
+    limit = min(MAX_DODGING_STATES, MOST_BYTES // row.nbytes)
+    waiting = [(least_steps, 0, 0, row, rng_state.copy())]  # of equal estimates, those with most actions come first
     visited = set()
     while waiting:
         _, minus_cost, number, row, stream = heapq.heappop(waiting)
         for action in (rewards.FORWARD, rewards.LEFT, rewards.RIGHT):
-            after = row.copy()
+            next_row = row.copy()
             next_stream = stream.copy()
-            status, reward = act(after, action, next_stream)
+            status, reward = act(next_row, action, next_stream)
             if reward > 0:
                 return actions_from_start(parents, number, action)
-            after[fields.STEP] = 0
-            known = after.tobytes() + next_stream.tobytes()
-            if status != 0 or known in visited:
+            next_row[fields.STEP] = 0
+            state_bytes = next_row.tobytes() + next_stream.tobytes()
+            if status != 0 or state_bytes in visited:
                 continue
-            visited.add(known)
+            visited.add(state_bytes)
             parents.append((number, action))
-            if len(parents) > most:
+            if len(parents) > limit:
                 raise WorldError(
-                    f"no path around the obstacles was found after searching {most} states; make the world smaller"
+                    f"no path around the obstacles was found after searching {limit} states; make the world smaller"
                 )
             cost = 1 - minus_cost
-            left = int(bound[after[fields.X], after[fields.Y], after[fields.DIRECTION]])
-            heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, next_stream))
+            remaining = int(bound[next_row[fields.X], next_row[fields.Y], next_row[fields.DIRECTION]])
+            heapq.heappush(waiting, (cost + remaining, -cost, len(parents) - 1, next_row, next_stream))
     return None
 
 
-FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
-MAX_EXACT_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second,
-MANY_OBJECTS = 32  # where there are no more things than this: with more, a node takes longer
-FAST_PLAN_STATES = 2, 5, 3  # how many times the bound counts then, one after the other
+FIRST_LIMIT = 1 << 12  # states in the first search; each further search may have `LIMIT_GROWTH` times as many
+LIMIT_GROWTH = 16
+MAX_EXACT_STATES = 1 << 18  # states to search for a shortest plan, in half a second, before any plan will do
+MANY_OBJECTS = 32  # with more objects a state takes longer, so fewer are searched
+FAST_PLAN_STATES = 2, 5, 3  # the weights of the bound in the searches for any plan, in turn
 
 
 def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
-    """Return the fewest actions that succeed, or a few more if the fewest would take too long to find.
+    """Return the fewest actions that succeed, or some more if the fewest would take too long to find.
 
-    Return None if no actions succeed.
+    Args:
+        state: the state from which to start; it is not changed.
+        rng_state: the random stream by which obstacles move; it is not changed.
+
+    Returns:
+        The actions, or None if no actions succeed.
 
     Raises:
-        WorldError: if no such actions were found within some seconds.
+        WorldError: if no actions were found within some seconds.
     """
     try:
         return plan(state, rng_state, limit=_most_states(state))
     except WorldError:
         if state.row[fields.TASK] in (rewards.DODGE, rewards.INSTRUCTED):
             raise
-    return _fast_plan(state, *_relaxed(state))
+    return _fast_plan(state, *_lower_bounds(state))
 
 
 def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 20) -> list[int] | None:
@@ -117,9 +123,9 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
                 "obstacles move at random in this world, so no fixed plan is sure to succeed; pass rng_state to plan "
                 "for one course of events"
             )
-        return plan_among_obstacles(row, rng_state, _relaxed(state)[0])
-    poses, extra = _nearest(state)
-    sources = _numbers(state, poses)
+        return plan_among_obstacles(row, rng_state, _lower_bounds(state)[0])
+    poses, extra = _target_poses(state)
+    sources = _pose_numbers(state, poses)
     if len(sources) == 0:
         return None
     bound = distances(row, sources, True)
@@ -134,7 +140,17 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
 
 
 def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -> list[int] | None:
-    """Search for the fewest actions, at first among few states, then among more, up to ``limit``."""
+    """Return the fewest actions that succeed, or None if there are none; search few states at first, then more.
+
+    Args:
+        row: the state.
+        bound: for each pose, a lower bound on the number of actions to success, minus ``extra``.
+        extra: the number of actions to add to the bound.
+        limit: the maximum number of states.
+
+    Raises:
+        WorldError: if no plan was found among ``limit`` states, though one may exist.
+    """
     allowed = min(FIRST_LIMIT, limit)
     while True:
         outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64), 1)
@@ -146,55 +162,76 @@ def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -
             raise WorldError(
                 f"no plan was found in the first {limit} states; give plan() a larger limit, or make the world smaller"
             )
-        allowed = min(16 * allowed, limit)
+        allowed = min(LIMIT_GROWTH * allowed, limit)
 
 
 def _follow_instruction(state: State) -> list[int] | None:
+    """Return actions that carry out the instruction, or None if no actions do.
+
+    Raises:
+        WorldError: if the search gave up.
+    """
     from minihuman.worlds.grid.babyai.expert import plan_instruction  # compiled: only where it is used
 
-    way = plan_instruction(state.row)
-    if not way.found and not way.unsolvable:
-        raise WorldError(
-            "the search for a plan gave up, though one may exist; use a smaller world or a simpler instruction"
-        )
-    return list(way.actions) if way.found else None
+    instruction_plan = plan_instruction(state.row)
+    if instruction_plan.found:
+        return list(instruction_plan.actions)
+    if instruction_plan.unsolvable:
+        return None
+    raise WorldError(
+        "the search for a plan gave up, though one may exist; use a smaller world or a simpler instruction"
+    )
 
 
 def _instruction_bounds(state: State) -> PathLengthBounds:
+    """Return bounds on the number of actions that carry out the instruction; unknown if no actions do."""
     from minihuman.worlds.grid.babyai.expert import plan_instruction
 
-    way = plan_instruction(state.row)
-    if way.unsolvable:
+    instruction_plan = plan_instruction(state.row)
+    if instruction_plan.unsolvable:
         return UNKNOWN_BOUNDS
-    return PathLengthBounds(way.at_least, len(way.actions) if way.found else None)
+    plan_length = len(instruction_plan.actions) if instruction_plan.found else None
+    return PathLengthBounds(instruction_plan.at_least, plan_length)
 
 
 def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
-    """Return the exact number of actions to success as both bounds, or a lower bound and the length of a known plan."""
+    """Return bounds on the number of actions to success.
+
+    Both are the exact number if it is found in time. Otherwise the first is a lower bound, and the second the length of
+    some plan, or None if no plan was found. Both are unknown if no actions succeed.
+    """
     if state.row[fields.TASK] == rewards.INSTRUCTED:
         return _instruction_bounds(state)
-    table, extra = _relaxed(state)
-    at_least = int(table[(*state.position, state.direction)]) + extra
+    bound, extra = _lower_bounds(state)
+    at_least = int(bound[(*state.position, state.direction)]) + extra
     try:
-        exact = plan(state, rng_state, limit=_most_states(state))
-        if exact is None:
-            return UNKNOWN_BOUNDS
-        return PathLengthBounds(len(exact), len(exact))
+        exact_plan = plan(state, rng_state, limit=_most_states(state))
     except WorldError:
-        pass
-    try:
-        if state.row[fields.TASK] == rewards.DODGE:
-            actions = None
-        else:
-            actions = _fast_plan(state, table, extra)
-        return PathLengthBounds(at_least, None if actions is None else len(actions))
-    except WorldError:
-        return PathLengthBounds(at_least)
+        return PathLengthBounds(at_least, _fast_plan_length(state, bound, extra))
+    if exact_plan is None:
+        return UNKNOWN_BOUNDS
+    return PathLengthBounds(len(exact_plan), len(exact_plan))
 
 
-def _fast_plan(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
+def _fast_plan_length(state: State, bound: NDArray[np.int32], extra: int) -> int | None:
+    """Return the length of the plan of `_fast_plan`; None if it finds none, or if obstacles move."""
+    if state.row[fields.TASK] == rewards.DODGE:
+        return None
+    try:
+        actions = _fast_plan(state, bound, extra)
+    except WorldError:
+        return None
+    return None if actions is None else len(actions)
+
+
+def _fast_plan(state: State, bound: NDArray[np.int32], extra: int) -> list[int] | None:
+    """Return actions that succeed, found soon but not always the fewest; None if there are none.
+
+    Raises:
+        WorldError: if no search with one of the weights in `FAST_PLAN_STATES` ended in time.
+    """
     for weight in FAST_PLAN_STATES:
-        outcome, actions = search(state.row, table, extra, _most_states(state), np.zeros(6, np.uint64), weight)
+        outcome, actions = search(state.row, bound, extra, _most_states(state), np.zeros(6, np.uint64), weight)
         if outcome != FULL:
             if outcome == FOUND:
                 return actions.tolist()
@@ -203,42 +240,46 @@ def _fast_plan(state: State, table: NDArray[np.int32], extra: int) -> list[int] 
 
 
 def _most_states(state: State) -> int:
+    """Return the number of states that a search takes about half a second to visit."""
     return MAX_EXACT_STATES * MANY_OBJECTS // max(MANY_OBJECTS, int(state.row[fields.OBJECTS]))
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
     """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached."""
-    steps = distances(state.row, _numbers(state, poses), False)
+    steps = distances(state.row, _pose_numbers(state, poses), False)
     pose = (*state.position, state.direction)
     if steps[pose] >= FAR:
         return None
     return descend(steps, *pose)
 
 
-def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
-    """Return a lower bound on the actions from each pose to a pose of `_nearest`, and the number needed there."""
-    poses, extra = _nearest(state)
-    return distances(state.row, _numbers(state, poses), True), extra
+def _lower_bounds(state: State) -> tuple[NDArray[np.int32], int]:
+    """Return a lower bound on the actions from each pose to a pose of `_target_poses`, and on the actions after it."""
+    poses, extra = _target_poses(state)
+    return distances(state.row, _pose_numbers(state, poses), True), extra
 
 
-def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
-    """Return the poses of which the agent must reach one, and the minimum number of actions that it takes there."""
+def _target_poses(state: State) -> tuple[NDArray[np.int64], int]:
+    """Return the poses of which the agent must reach one, and the minimum number of actions from there to success.
+
+    The poses are int64[n, 3], with column, row and direction; some may lie outside the grid.
+    """
     row = state.row
     task = int(row[fields.TASK])
     target = row[fields.TARGET : fields.TARGET + 4].tolist()
     kinds = state.kinds
     colours = state.colours
     if task in (rewards.REACH, rewards.DODGE):
-        return _standing(np.argwhere(kinds == GOAL)), 0
+        return _poses_in(np.argwhere(kinds == GOAL)), 0
     if task == rewards.MATCH:
-        return _standing(np.array([target[:2]])), 0
+        return _poses_in(np.array([target[:2]])), 0
     if task == rewards.STAND_BY:
-        return _standing(np.add(target[:2], ((1, 0), (-1, 0), (0, 1), (0, -1)))), 1
+        return _poses_in(np.add(target[:2], STEPS)), 1
     if task == rewards.PICK:
         cells = np.argwhere(state.identities == target[0])
         if len(cells):
             return (facing(cells), 1)
-        return (_anywhere(state), 0)
+        return (_all_poses(state), 0)
     if task == rewards.FETCH:
         return facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
     if task == rewards.OPEN_DOOR:
@@ -248,26 +289,27 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     if task == rewards.IN_ORDER:
         return facing(np.array([target[2:]])), 1
     assert task == rewards.PUT_NEAR
-    return _anywhere(state), 0
+    return _all_poses(state), 0
 
 
-def _numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers of those poses that lie in the grid."""
+def _pose_numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the numbers, as `distances` takes them, of those poses (n, 3) that lie in the grid."""
     x, y, direction = poses.T
-    inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
+    is_inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
     numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction
-    return numbers[inside]
+    return numbers[is_inside]
 
 
-def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _poses_in(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the poses (n, 3) in cells (n, 2): each cell in all four directions."""
     return np.array([(x, y, direction) for x, y in cells for direction in range(4)], np.int64).reshape(-1, 3)
 
 
 def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the poses next to cells (n, 2) that face them."""
+    """Return the poses (n, 3) next to cells (n, 2) that face them; some may lie outside the grid."""
     poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(STEPS)]
     return np.array(poses, np.int64).reshape(-1, 3)
 
 
-def _anywhere(state: State) -> NDArray[np.int64]:
-    return _standing(np.argwhere(np.ones(state.cells.shape, bool)))
+def _all_poses(state: State) -> NDArray[np.int64]:
+    return _poses_in(np.argwhere(np.ones(state.cells.shape, bool)))

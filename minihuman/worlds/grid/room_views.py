@@ -15,7 +15,7 @@ class RoomView:
 
     top: Place  # its top left cell
     size: Place
-    doors: tuple[ObjectView | bool | None, ...]  # right, down, left, up; True where there is no wall
+    doors: tuple[ObjectView | bool | None, ...]  # right, down, left, up; True for no wall, None for no door
     rooms: "RoomGridView" = field(compare=False, repr=False)
 
     @property
@@ -75,15 +75,16 @@ class RoomGridView:
         return ([self.room(column, row) for column in range(self.columns)] for row in range(self.rows))
 
     def _door(self, part: GridView, wall: int) -> ObjectView | bool | None:
-        """Return the door in a wall (0 right, 1 down, 2 left, 3 up); True without a wall, None if the wall is solid."""
+        """Return the door in a wall of a room (0 right, 1 down, 2 left, 3 up); None for no door, True for no wall."""
         last = self.size - 1
         along = range(1, self.size - 1)
         right = [(last, k) for k in along]
         down = [(k, last) for k in along]
         left = [(0, k) for k in along]
         up = [(k, 0) for k in along]
-        lying = [part.get(*cell) for cell in (right, down, left, up)[wall]]
-        door = next((thing for thing in lying if thing is not None and thing.type == "door"), None)
-        if door is not None:
-            return door
-        return all(thing is None or thing.type != "wall" for thing in lying) or None
+        wall_things = [part.get(*cell) for cell in (right, down, left, up)[wall]]
+        for thing in wall_things:
+            if thing is not None and thing.type == "door":
+                return thing
+        has_wall = any(thing is not None and thing.type == "wall" for thing in wall_things)
+        return None if has_wall else True

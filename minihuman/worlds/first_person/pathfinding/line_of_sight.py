@@ -10,8 +10,8 @@ from minihuman.worlds.kernels import kernel
 UNSEEN = 0
 OPEN = 1
 WALL = 2
-BEARINGS = 72  # directions that are looked along from a place
-RANGE_M = 6.0  # how far off something new is looked for
+BEARINGS = 72  # the number of directions in which a place is examined
+RANGE_M = 6.0  # the distance up to which unseen floor counts
 _BEARING_RAD = 2 * math.pi / BEARINGS
 
 
@@ -35,7 +35,7 @@ def mark_seen(
         rays: the number of lines of sight
         bounds: the bounds of the floor: x0, z0, x1, z1
         cell: the size of a cell in metres
-        explored: what is known of each cell
+        explored: UNSEEN, OPEN or WALL for each cell
         in_view: which cells are in sight now
     """
     columns, rows = explored.shape
@@ -68,7 +68,7 @@ def mark_seen(
 
 @kernel("(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)")
 def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np.float64], x: float, z: float) -> bool:
-    """Return whether a point is in the field of view and nothing hides it."""
+    """Return whether a point is in the field of view and nothing hides it; the arrays are those of `mark_seen`."""
     off_x = x - eye[0]
     off_z = z - eye[1]
     distance = math.hypot(off_x, off_z)
@@ -85,7 +85,7 @@ def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np
 def _to_wall(
     walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z: float, along_x: float, along_z: float
 ) -> float:
-    """Return the distance along a line to the first wall or disc; infinite if there is none."""
+    """Return the distance from (x, z) along a unit vector to the first wall or disc; infinite if there is none."""
     nearest = np.inf
     for index in range(walls.shape[0]):
         ax = walls[index, 0] - x
@@ -93,7 +93,7 @@ def _to_wall(
         wall_x = walls[index, 2] - walls[index, 0]
         wall_z = walls[index, 3] - walls[index, 1]
         across = along_x * wall_z - along_z * wall_x
-        if abs(across) < 1e-12:
+        if abs(across) < 1e-12:  # the line is parallel to the wall
             continue
         off = (ax * wall_z - az * wall_x) / across
         share = (ax * along_z - az * along_x) / across
@@ -130,7 +130,10 @@ def unseen_around(explored: NDArray[np.int8], column: int, row: int, cell: float
 
 @kernel("(float64[::1], float64, float64)")
 def in_sight(around: NDArray[np.float64], yaw: float, half_rad: float) -> float:
-    """Return the area of ``around`` that is in view along ``yaw``, in m²."""
+    """Return how much of the unseen floor ``around`` a place is within ``half_rad`` on each side of ``yaw``, in m².
+
+    ``around`` is the result of `unseen_around`, and angles are in radians.
+    """
     total = 0.0
     for bearing in range(BEARINGS):
         off = (bearing * _BEARING_RAD - yaw + math.pi) % (2 * math.pi) - math.pi
@@ -148,10 +151,12 @@ def visibility_values(
     cell: float,
     taste: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the best look from each place, (n, 3): its cost minus its value, its yaw, and the area it promises in m².
+    """Return the best look from each place, (n, 3): its cost minus its value, its yaw, and the unseen floor in m².
+
+    Costs and values are in actions. If no look is worth it, the first number is infinite.
 
     Args:
-        explored: what is known of each cell
+        explored: UNSEEN, OPEN or WALL for each cell
         places: the places' columns and rows, (n, 2)
         costs: the number of actions to each place
         yaws: the heading on arrival at each place
@@ -181,7 +186,7 @@ def visibility_values(
 
 @kernel("(int8[:, ::1], int64, int64, float64, float64, float64)")
 def give_up(explored: NDArray[np.int8], column: int, row: int, cell: float, yaw: float, half_rad: float) -> None:
-    """Mark as wall the cells that should have come into view from here along ``yaw`` but did not."""
+    """Mark as wall the first unseen cell in each bearing that a look along ``yaw`` should have shown but did not."""
     columns, rows = explored.shape
     for bearing in range(BEARINGS):
         off = (bearing * _BEARING_RAD - yaw + math.pi) % (2 * math.pi) - math.pi
@@ -201,7 +206,7 @@ def give_up(explored: NDArray[np.int8], column: int, row: int, cell: float, yaw:
 
 @kernel("(boolean[:, ::1], float64[:, ::1], int64, int64)")
 def waypoint(free: NDArray[np.bool_], distance: NDArray[np.float64], column: int, row: int) -> tuple[int, int]:
-    """Return the farthest cell on the path down a distance map that a straight line reaches."""
+    """Return the farthest cell on a cell's path to the goal of a distance map that a straight line from it reaches."""
     columns, rows = free.shape
     best_c = column
     best_r = row
@@ -235,6 +240,7 @@ def waypoint(free: NDArray[np.bool_], distance: NDArray[np.float64], column: int
 
 @kernel("(boolean[:, ::1], int64, int64, int64, int64)")
 def _straight(free: NDArray[np.bool_], column: int, row: int, to_column: int, to_row: int) -> bool:
+    """Return whether a straight line between two cells crosses only free cells."""
     parts = 2 * max(abs(to_column - column), abs(to_row - row), 1)
     for part in range(1, parts + 1):
         c = math.floor(column + (to_column - column) * part / parts + 0.5)

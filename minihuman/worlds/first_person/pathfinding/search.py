@@ -62,6 +62,7 @@ def drop_first(keys: Keys, numbers: Numbers, size: int) -> int:
 
 @device_function(nogil=True)
 def _before(key: float, number: int, other_key: float, other_number: int) -> bool:
+    """Return whether an entry of the heap comes before another one."""
     return key < other_key or (key == other_key and number < other_number)
 
 
@@ -95,14 +96,14 @@ def clearance_map(
 
 def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
     """Return each cell's distance from the goal in cells; 0 within ``goal_cells``, infinite without a path."""
-    waiting = free.size
+    capacity = free.size
     while True:
         distance = np.full(free.shape, np.inf)
-        keys = np.empty(waiting)
-        numbers = np.empty(waiting, np.int64)
+        keys = np.empty(capacity)
+        numbers = np.empty(capacity, np.int64)
         if _measure(free, goal_column, goal_row, goal_cells, distance, keys, numbers):
             return distance
-        waiting *= 2  # a cell waits once for each shorter way to it
+        capacity *= 2  # the queue may contain a cell several times, once for each shorter path to it
 
 
 @kernel(
@@ -118,6 +119,7 @@ def _clear(
     radius: float,
     free: NDArray[np.bool_],
 ) -> None:
+    """Mark the cells in which the body cannot stand as not free; the arguments are those of `clearance_map`."""
     columns, rows = free.shape
     for index in range(walls.shape[0]):
         first_c = max(int((min(walls[index, 0], walls[index, 2]) - radius - bounds[0]) / cell), 0)
@@ -145,7 +147,7 @@ def _clear(
 
 @device_function(nogil=True)
 def in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
-    """Return whether a place is inside one of the convex areas."""
+    """Return whether a place is inside one of the convex areas ``zones``, as `clearance_map` describes them."""
     for zone in range(zones.shape[0]):
         inside = True
         for edge in range(zones.shape[1]):
@@ -168,7 +170,7 @@ def _measure(
     keys: Keys,
     numbers: Numbers,
 ) -> bool:
-    """Fill in the distances; return whether the queue had room for all cells."""
+    """Fill in ``distance``, which is infinite before; return whether the queue had room for all cells."""
     columns, rows = free.shape
     waiting = 0
     reach = int(goal_cells) + 1
@@ -204,7 +206,7 @@ def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> f
 
 
 def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points lie on a barrier and not at its ends."""
+    """Return which of the points, (m, 2), lie on a barrier, (n, 4), and not at its ends."""
     marks = np.zeros(len(points), np.bool_)
     _mark(barriers, points, marks)
     return marks
@@ -214,6 +216,7 @@ def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
 def _shortest(
     barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], settled: NDArray[np.bool_]
 ) -> float:
+    """Return the length of `shortest_way` (Dijkstra); at the start, ``reached`` is infinite and ``settled`` false."""
     count = nodes.shape[0]
     reached[0] = 0.0
     while True:
@@ -236,6 +239,7 @@ def _shortest(
 
 @kernel("(float64[:, ::1], float64[:, ::1], boolean[::1])", nogil=True)
 def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], marks: NDArray[np.bool_]) -> None:
+    """Set ``marks`` to true for the points that `lies_on` returns."""
     for place in range(points.shape[0]):
         x = points[place, 0]
         z = points[place, 1]
@@ -253,6 +257,7 @@ def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], marks: NDA
 
 @device_function(nogil=True)
 def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: int) -> bool:
+    """Return whether the straight line between two nodes crosses no barrier."""
     ax = nodes[a, 0]
     az = nodes[a, 1]
     bx = nodes[b, 0]
@@ -277,12 +282,12 @@ def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> flo
     return 0.0 if abs(turn) < 1e-9 else turn
 
 
-# what the route is made of
+# the moves of a path
 TURN_LEFT = 0
 TURN_RIGHT = 1
 FORWARD = 2
 BACK = 3
-_MOST_STOPS = 2_000_000  # a search that has seen so many has no way
+_MOST_STOPS = 2_000_000  # a search that has reached so many stops gives up
 
 
 class Body(NamedTuple):
@@ -291,9 +296,9 @@ class Body(NamedTuple):
     step: float
     turn: float
     radius: float
-    moves: int  # 4 where it steps back too, else 3
+    moves: int  # the number of moves: 4 if it can step back, else 3
     ahead: float  # from its middle to the middle of what it carries
-    carried: float  # the radius of that
+    carried: float  # the radius of what it carries
 
 
 class Stops(NamedTuple):
@@ -305,7 +310,7 @@ class Stops(NamedTuple):
     parent: NDArray[np.int64]
     action: NDArray[np.int8]
     cost: NDArray[np.int64]
-    keys: NDArray[np.float64]  # a heap of those to expand, by the expected cost of the path through them
+    keys: NDArray[np.float64]  # of a heap of the stops to expand: the expected cost of the path through each
     numbers: NDArray[np.int64]
 
 
@@ -320,7 +325,9 @@ def search(
     distance: NDArray[np.float64],
     cell: float,
 ) -> list[int]:
-    """Return the moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty if there is no path.
+    """Return moves that bring the agent, or what it carries, from ``start`` to ``goal``; empty if no path is found.
+
+    ``start`` is (x, z, yaw), and ``goal`` is (x, z, radius): the path ends within that radius.
 
     ``discs`` are (n, 4): x, z, and the distances that the middles of the body and of its load keep from there.
     ``distance`` comes from ``distance_map`` over cells of size ``cell``.
@@ -359,7 +366,7 @@ def _search(
     stops: Stops,
     visited: NDArray[np.bool_],
 ) -> int:
-    """Return the number of the stop at the goal; -1 if there is none."""
+    """Return the index of the stop at the goal, or -1 if none is found; fill in ``stops`` and ``visited``."""
     columns, rows, headings = visited.shape
     stops.x[0] = start[0]
     stops.z[0] = start[1]
@@ -414,7 +421,7 @@ def _search(
             stops.z[count] = new_z
             stops.heading[count] = new_heading
             stops.parent[count], stops.action[count], stops.cost[count] = stop, move, stops.cost[stop] + 1
-            waiting = push(stops.keys, stops.numbers, waiting, stops.cost[count] + 1.5 * left, count)
+            waiting = push(stops.keys, stops.numbers, waiting, stops.cost[count] + 1.5 * left, count)  # weighted A*
             count += 1
     return -1
 
@@ -423,6 +430,7 @@ def _search(
 def _blocked(
     walls: NDArray[np.float64], discs: NDArray[np.float64], column: int, x: float, z: float, radius: float
 ) -> bool:
+    """Return whether a circle overlaps a wall, or is nearer to a disc than the distance in a column of ``discs``."""
     for index in range(discs.shape[0]):
         if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, column]:
             return True
@@ -433,7 +441,7 @@ def _blocked(
 def _still_to_go(
     distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
 ) -> float:
-    """Estimate the remaining number of moves: the distance, and the turn towards the path."""
+    """Estimate the remaining number of moves from the distance in cells and the turn towards the path."""
     columns, rows = distance.shape
     best = np.inf
     best_yaw = yaw

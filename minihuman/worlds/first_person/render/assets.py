@@ -12,13 +12,13 @@ from minihuman.worlds.first_person.render.draw_buffers import packed_faces
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, SHADE, FaceTable, TextureTable
 from minihuman.worlds.first_person.render.texture import MOST_SIZES, fill_sizes
 
-MOST_TEXELS = 2047  # a side of a texture
+MOST_TEXELS = 2047  # on a side of a texture
 CUBE = "cube"
-# Of every library: a cube's faces, that of a flat arrowhead towards +x, and two of a shadow of radius 1 on the ground.
+# The first faces of every library, from and to: a cube, a flat arrowhead towards +x, a shadow of radius 1 (two discs).
 CUBE_FACES = (0, 6)
 ARROW_FACES = (6, 7)
 SHADOW_FACES = (7, 9)
-SHADOW_REACH = 1.35  # how far its outer half goes
+SHADOW_REACH = 1.35  # the radius of the shadow's outer disc
 _ABOVE_GROUND_M = 0.002
 
 
@@ -46,7 +46,7 @@ class MeshData:
     texture_places: F64  # (n, 3, 2) 0 to 1 over the texture, right and up
     colours: F64  # (n, 3)
     textures: tuple[str | None, ...]  # (n,)
-    light_scales: bool = False  # lit the brighter the smaller it is drawn, as OpenGL lights a scaled mesh
+    light_scales: bool = False  # whether it is brighter the smaller it is scaled, as OpenGL lights a scaled mesh
     images: Mapping[str, Texture] = field(default_factory=dict)  # textures that are in the mesh's own file, by name
 
     @property
@@ -122,7 +122,7 @@ class Library:
     def texture_row(self, name: str) -> int:
         """Return the row of a texture in ``textures``, after loading it if necessary."""
         if name not in self._texture_rows:
-            self._keep(name, self._assets.texture(name))
+            self._add_texture(name, self._assets.texture(name))
         return self._texture_rows[name]
 
     def texture_size_m(self, name: str) -> tuple[float, float]:
@@ -132,7 +132,7 @@ class Library:
     def mesh_faces(self, name: str) -> tuple[int, int]:
         """Return the first face of a mesh in ``faces`` and one past its last, after loading it if necessary."""
         if name not in self._mesh_ranges:
-            self._add(name, self._assets.mesh(name))
+            self._add_mesh(name, self._assets.mesh(name))
         return self._mesh_ranges[name]
 
     def mesh_scale(self, name: str, height_m: float) -> tuple[float, float]:
@@ -162,14 +162,15 @@ class Library:
         """Return whether a mesh is not built in."""
         return self._assets.brings(mesh)
 
-    def _keep(self, name: str, texture: Texture) -> None:
-        self.textures = _append(self.textures, texture.pixels)
+    def _add_texture(self, name: str, texture: Texture) -> None:
+        self.textures = _append_texture(self.textures, texture.pixels)
         self._texture_rows[name] = len(self._sizes_m)
         self._sizes_m.append(texture.size_m)
 
-    def _add(self, name: str, mesh: MeshData) -> None:
+    def _add_mesh(self, name: str, mesh: MeshData) -> None:
+        """Add a mesh with the textures of its file, and record its faces, distances and bounding box."""
         for image, texture in mesh.images.items():
-            self._keep(image, texture)
+            self._add_texture(image, texture)
         rows = np.array([-1 if key is None else self.texture_row(key) for key in mesh.textures], np.int32)
         first = len(self.faces.texture)
         self.faces = join(self.faces, mesh_table(mesh, rows))
@@ -203,7 +204,13 @@ def mesh_table(mesh: MeshData, texture_rows: NDArray[np.int32]) -> FaceTable:
 
 
 def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> FaceTable:
-    """Return a table of white flat polygons (n, 3) with their texture coordinates (n, 2)."""
+    """Return a table of white flat polygons.
+
+    Args:
+        polygons: the corners of each polygon, (n, 3).
+        places: the texture coordinates of each polygon's corners, (n, 2).
+        texture_rows: the row of each polygon's texture, or -1 for none; None for polygons without textures.
+    """
     normals = [newell(polygon) for polygon in polygons]
     sizes = [len(polygon) for polygon in polygons]
     offsets = [-float(normal @ polygon.mean(axis=0)) for normal, polygon in zip(normals, polygons, strict=True)]
@@ -233,6 +240,8 @@ def join(a: FaceTable, b: FaceTable) -> FaceTable:
 
 def newell(polygon: F64) -> F64:
     """Return the unit normal of a flat polygon, on the side from which its corners run counter-clockwise.
+
+    The normal is computed by Newell's method.
 
     Raises:
         WorldError: if the corners lie on one line.
@@ -266,13 +275,14 @@ def unit_cube() -> list[F64]:
 
 def _disc(radius: float) -> F64:
     """Return the sixteen corners of a disc around the origin, just above the ground."""
+    # the cosine and sine of 0, 22.5, 45 and 67.5 degrees; three quarter turns give the other corners
     corners = [(1.0, 0.0), (0.9238795, 0.3826834), (0.7071068, 0.7071068), (0.3826834, 0.9238795)]
     for _ in range(3):
         corners += [(-z, x) for x, z in corners[-4:]]
     return np.array([(radius * x, _ABOVE_GROUND_M, -radius * z) for x, z in corners])
 
 
-def _append(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
+def _append_texture(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
     table = size_table(pixels.shape[1], pixels.shape[0], len(textures.texels))
     texels = np.concatenate([textures.texels, np.empty(_texel_count(table), np.uint32)])
     fill_sizes(np.array(pixels, order="C"), table.ravel(), texels)
@@ -291,7 +301,7 @@ def size_table(width: int, height: int, begin: int) -> NDArray[np.uint32]:
             break
         begin = begin + (wide + 2) * (high + 2)
         size = size + 1
-        part = 0.5 ** (size / 4)
+        part = 0.5 ** (size / 4)  # four sizes for each halving
         wide = max(1, round(width * part))
         high = max(1, round(height * part))
     table[-1, 1] = size
@@ -299,5 +309,6 @@ def size_table(width: int, height: int, begin: int) -> NDArray[np.uint32]:
 
 
 def _texel_count(table: NDArray[np.uint32]) -> int:
+    """Return the number of texels of a texture in all its sizes, rings included, from its `size_table`."""
     last = int(table[-1, 1])
     return int(table[last, 0]) - int(table[0, 0]) + 9  # the smallest size is one texel in its ring

@@ -19,21 +19,21 @@ from minihuman.worlds.first_person.render.rasterisation import HEIGHT, PLACEMENT
 from minihuman.worlds.first_person.render.texture import LANES, MOST_TAPS, SCANLINE_BUFFER, TAP
 from minihuman.worlds.kernels import device_function, kernel
 
-VISITS_A_ROOM = 16
+VISITS_A_ROOM = 16  # the most windows through which a room is visited
 
 
 class Sight(NamedTuple):
     """The rooms in sight, and the window of the picture through which each is seen: x0, y0, x1, y1 in whole pixels."""
 
     order: I32  # (rooms,) nearest first
-    windows: F64  # (rooms, 4)
-    visits: I32  # (rooms,)
+    windows: F64  # (rooms, 4) by room
+    visits: I32  # (rooms,) the number of visits of each room
     pending: I32  # (VISITS_A_ROOM * rooms,) rooms to visit
-    pending_windows: F64  # (VISITS_A_ROOM * rooms, 4) by which each is visited
+    pending_windows: F64  # (VISITS_A_ROOM * rooms, 4) the windows through which they are visited
 
 
-# Where in the whole numbers stand: the colours of what is looked up along a row; which sizes of a texture that takes,
-# under which light and at which places; the row's stretches; a row of the picture; the spans.
+# Where each part of the whole numbers begins, after the colours that are looked up along a row: the texture sizes of
+# the lookups, their light, texel positions and numbers of taps; the row's fragment groups; a row of the picture; spans.
 SIZES = SCANLINE_BUFFER + LANES
 LIGHTS = SIZES + 5 * LANES
 PLACES = LIGHTS + 2 * LANES
@@ -128,7 +128,7 @@ def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tu
 
 @device_function(nogil=True)
 def drawn_in(view: F64, floats: F64, wholes: I32) -> tuple[DrawBuffers, int, int]:
-    """Return the buffers in which faces are drawn, and the index of the unused rest of each array."""
+    """Return the buffers in which faces are drawn, and the index at which the unused memory of each array begins."""
     rows = 4 * int(view[HEIGHT])
     spans = int(view[ROOM])
     faces = int(view[ROOM + 1])

@@ -37,16 +37,18 @@ _GLOBAL_AMBIENT = 0.2  # OpenGL adds this much white to every light
 _AGENT_RGB = (1.0, 0.0, 0.0)
 _AGENT_RADIUS_M = 0.4
 _AGENT_HEIGHT_M = 1.6
-_PLAN_MARGIN_M = 1.0
+_PLAN_MARGIN_M = 1.0  # of sky around the floor plan
 _AGENT_BOX_M = _AGENT_RADIUS_M, 0.0, 0.0, _AGENT_RADIUS_M
 _QUERY_CUBE_M = 0.2
 _QUERY_BOX_M = _QUERY_CUBE_M / 2, 0.0, _QUERY_CUBE_M, _QUERY_CUBE_M / 2
-MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
-_BAND_PIXELS = 150_000  # below that, handing half of a picture to another thread takes as long as drawing it
-_BANDS_A_CORE = 3  # a floor takes longer than a ceiling: of two halves one would be waited for
+MOST_SPANS = 43  # memory for spans per row of samples, at first; an odd number spreads rows over a processor's cache
+_BAND_PIXELS = 150_000  # per core; with fewer, handing work to another thread takes as long as drawing it
+_BANDS_A_CORE = 3  # a floor takes longer than a ceiling, so with one band per core some threads would wait
 
-_EYE = struct.Struct(f"{LIGHT}d")  # a view up to the light
-_memory = threading.local()  # arrays to draw into, kept from picture to picture; they hold nothing from one to the next
+_MOST_PIXELS = 4096  # along a side of a picture
+
+_EYE = struct.Struct(f"{LIGHT}d")  # the numbers of a view before those of the light
+_memory = threading.local()  # arrays to draw into, reused for each picture; no content passes from one to the next
 
 
 def render(
@@ -58,12 +60,18 @@ def render(
         WorldError: if the picture has no pixels or a side of over 4096.
     """
     target = RenderTarget(scene, width, height)
-    target.aim(*_as_numbers(camera))
+    target.aim(*_camera_numbers(camera))
     return target.draw(out)
 
 
 class RenderTarget:
     """A scene that is drawn repeatedly in one size; what is the same in every picture is prepared once.
+
+    Args:
+        scene: the scene.
+        width: the width of a picture in pixels.
+        height: the height of a picture in pixels.
+        trig: whether headings are turned by the host's sine and cosine (0) or our own (1).
 
     Raises:
         WorldError: if the picture has no pixels or a side of over 4096.
@@ -73,13 +81,13 @@ class RenderTarget:
         _check_size(width, height)
         self.size_px = width, height
         self.layout = scene.layout
-        self._trig = trig  # whose sine and cosine turn things and the eye: 0 the host's, 1 our own
+        self._trig = trig  # the sine and cosine for headings: 0 the host's, 1 our own
         self.places = _turned(scene.places, trig)
         self.view = np.zeros(VIEW_SIZE)
         _complete(scene, self.view, width, height)
 
     def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
-        """Move an entity to another place."""
+        """Move the entity with the index ``thing`` to another place and heading."""
         self.places[thing, :5] = (*pos, *turn(yaw_rad, self._trig))
 
     def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
@@ -99,7 +107,7 @@ class RenderTarget:
 
     def room(self) -> tuple[int, int]:
         """Return the numbers of float64 and int32 needed for drawing, if no row has unusually many spans."""
-        return _room(self.layout, self.size_px[1], MOST_SPANS)
+        return _memory_size(self.layout, self.size_px[1], MOST_SPANS)
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
@@ -118,7 +126,7 @@ def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = No
     """
     if agent is not None:
         scene = _with_agent(scene, agent)
-    view = _from_above(scene.layout, width, height)
+    view = _view_from_above(scene.layout, width, height)
     out = np.empty((height, width, 3), np.uint8)
     _complete(scene, view, width, height)
     _draw(scene.layout, view, _turned(scene.places), out)
@@ -128,9 +136,10 @@ def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = No
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
     """Return the indices of the visible entities; a small cube at its place stands for each, as in Miniworld."""
     count = scene.layout.thing_count
+    # a row of the things' table, whose columns are in `kernel_tables`
     cube = [*CUBE_FACES, *(_QUERY_CUBE_M,) * 3, 1.0, *(1.0,) * 3, *(_QUERY_CUBE_M,) * 2, *_QUERY_BOX_M]
     places = scene.places.copy()
-    places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)
+    places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)  # the cubes do not turn
     cubes = np.tile(np.array(cube), (count, 1))
     view = _perspective(camera, width, height)
     turned = _turned(places)
@@ -147,29 +156,33 @@ def _draw(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -
         _colour_band(layout, view, places, out)
         return
     count = _BANDS_A_CORE * cores
+    # all threads take their next band from this iterator
     bands = iter(list(pairwise(height * number // count for number in range(count + 1))))
 
-    def share(view: F64, places: F64) -> None:
-        for view[TOP], view[BOTTOM] in bands:
+    def draw_bands(view: F64, places: F64) -> None:
+        for top, bottom in bands:
+            view[TOP] = top
+            view[BOTTOM] = bottom
             _colour_band(layout, view, places, out)
 
-    futures = [_helpers(os.getpid()).submit(share, view.copy(), places.copy()) for _ in range(cores - 1)]
-    share(view.copy(), places)
+    futures = [_helpers(os.getpid()).submit(draw_bands, view.copy(), places.copy()) for _ in range(cores - 1)]
+    draw_bands(view.copy(), places)
     for future in futures:
         future.result()
 
 
 def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
+    """Draw the rows of ``out`` from ``view[TOP]`` to ``view[BOTTOM]``."""
     covered = _cover(layout, view, places)
     colour(*layout.textures, *layout.packed_rooms, layout.things, places, view, *covered, out)
 
 
 def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
-    """Compute which face covers each sample; return the buffers that contain the result."""
+    """Compute which face covers each sample; return this thread's drawing memory, which contains the result."""
     spans = MOST_SPANS
     while True:
         view[ROOM:LOOK] = spans, layout.capacity, layout.most_corners
-        memory = memory_for(*_room(layout, int(view[HEIGHT]), spans))
+        memory = memory_for(*_memory_size(layout, int(view[HEIGHT]), spans))
         if visibility.cover(*layout.packed_rooms, *layout.packed_library, layout.things, places, view, *memory):
             return memory
         spans *= 2
@@ -177,7 +190,7 @@ def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
 
 def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
     """Fill in the light, the sky, the style and the size of a view whose camera is already set."""
-    view[LIGHT:SKY] = _light(scene.light)
+    view[LIGHT:SKY] = _light_numbers(scene.light)
     view[SKY:LEAST], view[LOOK] = scene.sky, scene.display
     view[TOP:ROOM] = 0.0, height, height, width
 
@@ -197,13 +210,14 @@ def _helpers(process: int) -> ThreadPoolExecutor:
 
 
 def _perspective(camera: Camera, width: int, height: int) -> F64:
+    """Return a camera's view of a size in pixels, without light, sky and style, which `_complete` fills in."""
     _check_size(width, height)
     view = np.zeros(VIEW_SIZE)
-    _aim(view, *_as_numbers(camera), width, height)
+    _aim(view, *_camera_numbers(camera), width, height)
     return view
 
 
-def _as_numbers(camera: Camera) -> tuple[Vector, float, float, float, float, float]:
+def _camera_numbers(camera: Camera) -> tuple[Vector, float, float, float, float, float]:
     return camera.position, camera.yaw_rad, camera.pitch_rad, camera.fov_y_deg, camera.near_m, camera.far_m
 
 
@@ -252,15 +266,17 @@ def half_view(fov_y_deg: float, trig: int) -> float:
     return math.tan(half_rad)
 
 
-def _fit(layout: SceneTables, width: int, height: int) -> tuple[float, float, float]:
+def _fit_plan(layout: SceneTables, width: int, height: int) -> tuple[float, float, float]:
+    """Return the scale of the largest plan that fits, in pixels per metre, and the middle of the plan, x and z."""
     x0, z0, x1, z1 = layout.bounds
     scale = min(width / (x1 - x0 + 2 * _PLAN_MARGIN_M), height / (z1 - z0 + 2 * _PLAN_MARGIN_M))
     return scale, (x0 + x1) / 2, (z0 + z1) / 2
 
 
-def _from_above(layout: SceneTables, width: int, height: int) -> F64:
+def _view_from_above(layout: SceneTables, width: int, height: int) -> F64:
+    """Return the parallel view of the floor plan from above, without light, sky and style."""
     _check_size(width, height)
-    scale, middle_x, middle_z = _fit(layout, width, height)
+    scale, middle_x, middle_z = _fit_plan(layout, width, height)
     view = np.empty(VIEW_SIZE)
     view[:LIGHT] = (
         *(middle_x, 0.0, middle_z),
@@ -268,45 +284,48 @@ def _from_above(layout: SceneTables, width: int, height: int) -> F64:
         *(0.0, 0.0, -1.0),
         *(0.0, -1.0, 0.0),
         *(scale, scale, width / 2, height / 2),
-        *(-100.0, 100.0, 1.0),
+        *(-100.0, 100.0, 1.0),  # the near and the far plane, beyond any floor and ceiling; parallel
     )
     view[LEAST] = 0.5
     return view
 
 
-def _light(light: Light) -> F64:
+def _light_numbers(light: Light) -> F64:
+    """Return the unit vector to a light, the light's colour, and the ambient light, float64[9]."""
     x, y, z = light.towards
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:
         raise WorldError("the light's direction is (0, 0, 0); give it a length above 0")
-    out = np.empty(9)
-    out[:] = (x / length, y / length, z / length, *light.colour, *(part + _GLOBAL_AMBIENT for part in light.ambient))
-    return out
+    numbers = np.empty(9)
+    ambient = (part + _GLOBAL_AMBIENT for part in light.ambient)
+    numbers[:] = (x / length, y / length, z / length, *light.colour, *ambient)
+    return numbers
 
 
 def _turned(places: F64, trig: int = 0) -> F64:
-    """Return places whose yaw is replaced by its cosine and sine.
+    """Return the places of entities (x, y, z, yaw) as rows x, y, z, cosine and sine of the yaw.
 
-    A further column is left for the number of samples that each entity covers.
+    A sixth column is reserved for the number of samples that each entity covers.
     """
-    out = np.empty((len(places), 6))
-    out[:, :3] = places[:, :3]
+    turned = np.empty((len(places), 6))
+    turned[:, :3] = places[:, :3]
     for row, yaw in enumerate(places[:, 3].tolist()):
-        out[row, 3:5] = turn(yaw, trig)
-    return out
+        turned[row, 3:5] = turn(yaw, trig)
+    return turned
 
 
 def _check_size(width: int, height: int) -> None:
-    if not (1 <= width <= 4096 and 1 <= height <= 4096):
-        raise WorldError(f"a picture cannot be {width} x {height} pixels; each side must be 1 to 4096")
+    if not (1 <= width <= _MOST_PIXELS and 1 <= height <= _MOST_PIXELS):
+        raise WorldError(f"a picture cannot be {width} x {height} pixels; each side must be 1 to {_MOST_PIXELS}")
 
 
-def _room(layout: SceneTables, height: int, spans: int) -> tuple[int, int]:
+def _memory_size(layout: SceneTables, height: int, spans: int) -> tuple[int, int]:
+    """Return the numbers of float64 and int32 needed for drawing with at most ``spans`` spans per row of samples."""
     return size_of(height, spans, layout.capacity, layout.most_corners, len(layout.rooms.bounds))
 
 
 def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
-    """Return the arrays in which pictures are drawn: one growing memory per thread."""
+    """Return this thread's arrays to draw in, replaced by larger ones if they have fewer numbers than these."""
     arrays: tuple[F64, I32] | None = getattr(_memory, "arrays", None)
     if arrays is None or len(arrays[0]) < float_count or len(arrays[1]) < whole_count:
         arrays = np.zeros(float_count), np.zeros(whole_count, np.int32)
@@ -315,6 +334,7 @@ def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
 
 
 def _with_agent(scene: Scene, agent: Pose) -> Scene:
+    """Return the scene with a red arrowhead at the agent's pose, as one more thing."""
     arrow = np.array(
         [[*ARROW_FACES, *(_AGENT_RADIUS_M,) * 3, 1.0, *_AGENT_RGB, *(_AGENT_RADIUS_M,) * 2, *_AGENT_BOX_M]]
     )

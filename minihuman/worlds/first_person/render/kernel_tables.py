@@ -14,7 +14,8 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 
 
-SHADE = -2  # in place of a texture: the face has the first of each pixel's four samples; -3: the second; and so on
+# In place of a texture: the face covers only the first of each pixel's four samples; -3: only the second, and so on.
+SHADE = -2
 
 
 class FaceTable(NamedTuple):
@@ -51,10 +52,10 @@ class RoomTable(NamedTuple):
     occluder: F64 = NO_OCCLUDERS  # (n, OCCLUDER_SIZE)
 
 
-# The columns of a thing's array, (things, THING_SIZE): its first face in the library and one past its last, how it is
-# scaled (3), how long that makes normals (OpenGL lights scaled meshes with it), its colour times that of its faces (3),
-# how far it reaches around the vertical axis, and around its place, metres; and the box it lies in: half its width,
-# where it begins and ends upwards, and half its depth, metres.
+# The columns of a thing's array, (things, THING_SIZE): its first face in the library and one past its last; its scale
+# along x, y and z; the factor of its normals' length (OpenGL lights scaled meshes with it); the factors of its faces'
+# colours (3); its largest distances from the vertical axis and from its place, metres; and its bounding box: half its
+# width, its lowest and highest y, and half its depth, metres.
 FIRST = 0
 LAST = 1
 THING_SCALE = 2
@@ -79,7 +80,7 @@ class TextureTable(NamedTuple):
     table: NDArray[np.uint32]
 
 
-# the columns of a span: pixels from the left, and the row of planes
+# the columns of a span: its first pixel and one past its last, and its face's row of planes
 BEGIN = 0
 END = 1
 FACE = 2
@@ -93,16 +94,16 @@ class DrawBuffers(NamedTuple):
     texture coordinates right and up and red, green and blue, each divided by distance.
     """
 
-    spans: I32  # (4 * height, most of a row, 3)
+    spans: I32  # (4 * height, the maximum per row, 3)
     counts: I32  # (4 * height,) how many spans each row has
-    merged: I32  # (3 * most of a row + 8, 3) spans that are about to replace others
+    merged: I32  # (3 * the maximum per row + 8, 3) spans that are about to replace others
     planes: F64  # (capacity, 21)
-    kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over; with twice 1 + a room's face
-    run: I32  # (capacity,) the last run of lookups of each
+    kind: I32  # (capacity, 2) texture; and 1 if the face has one colour, plus 2 * (1 + its number) if it is a room's
+    run: I32  # (capacity,) the latest run of lookups of each face
     left: I32  # (4 * height + 8,) where a face begins in each sample row
     right: I32  # (4 * height + 8,) and where it ends
-    corners: F64  # (3, most, 3) a polygon, and before and after a cut
-    screen: F64  # (most, 2) its corners in 1/256 of a pixel
+    corners: F64  # (3, most corners, 3) a polygon, and its forms before and after a cut
+    screen: F64  # (most corners, 2) its corners in 1/256 of a pixel
     lit: F64  # (3, 3) how bright each channel is at three corners
-    inverse: F64  # (4, 3) of three corners' positions, and what its rows are to be multiplied by
-    tiles: F64  # (TILES, TILES) how near what was drawn is at least
+    inverse: F64  # (4, 3) the inverse matrix of three corners' positions, and the factors of its rows
+    tiles: F64  # (TILES, TILES) the least nearness of the picture so far

@@ -10,45 +10,45 @@ from minihuman.worlds.first_person.render.kernel_tables import F64, SHADE, DrawB
 from minihuman.worlds.first_person.render.spans import ROW_STEP, claim, outline
 from minihuman.worlds.kernels import device_function, int64
 
-# The columns of a view's array: what the kernels know of a camera.
-# three numbers each
+# The columns of a view's array, which describes a camera and a picture to the kernels.
+# the eye's position, and unit vectors; three numbers each
 EYE = 0
 RIGHT = 3
 UP = 6
 FORWARD = 9
-# pixels; pixels a metre where nothing shrinks with distance
+# pixels; FOCAL_X and FOCAL_Y are pixels per metre in a parallel view
 FOCAL_X = 12
 FOCAL_Y = 13
 CENTRE_X = 14
 CENTRE_Y = 15
-# metres, metres, 1.0 for a view from above
+# the near and the far plane, metres; 1.0 for the parallel view from above
 NEAR = 16
 FAR = 17
 PARALLEL = 18
-# the way to the light, its colour and the ambient light; the sky's colour; three numbers each
+# the direction to the light, its colour and the ambient light; the sky's colour; three numbers each
 LIGHT = 19
 SKY = 28
-LEAST = 31  # of 1 / distance: beyond a face's edge it may reach nonsense
-# which rows to draw, and the whole picture, pixels
+LEAST = 31  # the lower bound of 1 / distance, which beyond a face's edge could be 0 or negative
+# the rows to draw, and the size of the whole picture, pixels
 TOP = 32
 BOTTOM = 33
 HEIGHT = 34
 WIDTH = 35
-ROOM = 36  # how many spans of a row, faces and corners of a face there is memory for, three numbers
-LOOK = 39  # 1.0 for the look of a display
+ROOM = 36  # the memory: how many spans per row, faces, and corners per face; three numbers
+LOOK = 39  # 1.0 for the style of a participant's display: smoother textures, and shade at the joints of faces
 VIEW_SIZE = 40
 
-TILES = 16  # across the picture and down, in which is known how near what was drawn is at least
+TILES = 16  # across the picture and down; for each, `survey` finds the least nearness of what is drawn
 GUARD_PX = 16384.0  # corners stay within this of the picture's middle, so that their products are exact
 
-# The columns of a placement's array: how a thing's own coordinates lie in the world.
+# The columns of a placement's array, which places a thing's own coordinates in the world.
 PLACE = 0
 COS = 3
 SIN = 4
 SCALE = 5
 NORMAL_SCALE = 8
 TINT = 9
-# the eye, and 1.0 where it is a place and not a direction; the way to the light
+# in the thing's own coordinates: the eye, and 1.0 if that is a position and not a direction; the direction to the light
 OWN_EYE = 12
 OWN_LIGHT = 16
 PLACEMENT_SIZE = 19
@@ -91,7 +91,7 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
 
 @device_function(nogil=True, force_inline=True)
 def turn_to(view: F64, light: F64, placement: F64) -> None:
-    """Compute the positions of the eye and the light in an entity's own coordinates, from the entity's placement."""
+    """Write the eye's position and the light's direction, in an entity's own coordinates, into its placement."""
     co = placement[COS]
     si = placement[SIN]
     if view[PARALLEL] == 1.0:
@@ -310,7 +310,7 @@ def plane(buffers: DrawBuffers, view: F64, number: int, column: int, first: floa
 
 @device_function(nogil=True, force_inline=True)
 def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, buffers: DrawBuffers, number: int) -> None:
-    """Compute the planes of texture coordinates and light over the picture, divided by distance."""
+    """Write a face's texture, and the planes of its texture coordinates and light over the picture, over distance."""
     start = faces.start[face]
     count = faces.start[face + 1] - start
     planes = buffers.planes

@@ -16,7 +16,7 @@ from minihuman.worlds.first_person.render.visibility import SAMPLES, cover
 from minihuman.worlds.kernels import array_at, int64, kernel
 from minihuman.worlds.shared_work import DONE, TAKEN, add_to_counter, count, share_work
 
-# The columns of a row: address and length of each of a target's arrays; how much memory it takes to draw in.
+# The columns of a row: address and length of each of a target's arrays; how many float64 and int32 drawing needs.
 TEXELS, TABLE, ROOM_FLOATS, ROOM_WHOLES, LIBRARY_FLOATS, LIBRARY_WHOLES, THINGS, PLACES, VIEW = range(0, 18, 2)
 MEMORY = 18
 ROW_SIZE = 20
@@ -66,11 +66,16 @@ def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArra
 
 
 class RenderPool:
-    """Memory for the pictures of a number of targets, drawn by a limited number of threads."""
+    """Draws the pictures of a number of targets with several threads.
+
+    Args:
+        pictures: the number of targets.
+        threads: the maximum number of threads.
+    """
 
     def __init__(self, pictures: int, threads: int) -> None:
         self._rows = np.zeros((pictures, ROW_SIZE), np.int64)
-        self._targets: list[Any] = [None] * pictures  # kept alive: the rows tell where they are
+        self._targets: list[Any] = [None] * pictures  # kept alive, as the rows contain the addresses of their arrays
         self._helpers = min(threads, pictures) - 1
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -79,15 +84,17 @@ class RenderPool:
     def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
         """Draw the picture of each target into ``out``, which is contiguous and has one picture per target."""
         for nth, target in enumerate(targets):
-            self._hang(nth, target)
-        share_work(self._share, (out,), len(out), self._helpers)
+            self._set_target(nth, target)
+        share_work(self._draw_share, (out,), len(out), self._helpers)
 
-    def _share(self, counters: I64, out: NDArray[np.uint8], _nth: int) -> None:
-        while (met := draw_targets(self._rows, counters, *memory_for(0, 0), out)) >= 0:
-            self._targets[met].draw(out[met])
+    def _draw_share(self, counters: I64, out: NDArray[np.uint8], _nth: int) -> None:
+        """Draw pictures in one thread until none is left; one that needs more memory is drawn by its target."""
+        while (unfinished := draw_targets(self._rows, counters, *memory_for(0, 0), out)) >= 0:
+            self._targets[unfinished].draw(out[unfinished])
             count(counters, DONE, 1)
 
-    def _hang(self, nth: int, target: RenderTarget) -> None:
+    def _set_target(self, nth: int, target: RenderTarget) -> None:
+        """Write the addresses of a target's arrays, and the memory that it needs, into a row."""
         if self._targets[nth] is target:
             return
         layout = target.layout

@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.assets import CUBE, SHADOW_FACES, SHADOW_REACH, Library, join, pack
+from minihuman.worlds.first_person.render.assets import (
+    CUBE,
+    SHADOW_FACES,
+    SHADOW_REACH,
+    Library,
+    join,
+    pack,
+)
 from minihuman.worlds.first_person.render.draw_buffers import packed_faces, packed_rooms
 from minihuman.worlds.first_person.render.kernel_tables import (
     F64,
@@ -35,7 +42,7 @@ from minihuman.worlds.first_person.render.kernel_tables import (
 
 Rgb = tuple[float, float, float]  # 0 to 1
 Vector = tuple[float, float, float]  # x, y, z
-# how near and far an eye sees
+# the distances of a camera's near and far plane
 NEAR_M = 0.04
 FAR_M = 100.0
 
@@ -63,7 +70,10 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opening:
-    """An opening in a room's wall, through which room ``into`` is seen; its corners run as a surface's there would."""
+    """An opening in a room's wall, through which the room with the index ``into`` is visible.
+
+    Its corners run in the same order as those of a surface in its place.
+    """
 
     corners: NDArray[np.float64]  # (4, 3)
     into: int
@@ -93,7 +103,7 @@ class MeshLook:
 
     mesh: str  # "duckie", "key_red"
     height_m: float
-    tint: Rgb = (1.0, 1.0, 1.0)  # times its own colours
+    tint: Rgb = (1.0, 1.0, 1.0)  # multiplies its own colours
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +133,9 @@ Look = BoxLook | MeshLook | FrameLook | ShadowLook
 class Light:
     """A distant light, like the sun, and the ambient light.
 
-    ``towards`` points from the world to the light, at any length. Miniworld means a lamp at ``light_pos``, but passes
-    OpenGL three numbers instead of four; so the light has the direction ``light_pos + (1, 1, 1)``, which a world passes
-    here. A fifth of white is added to ``ambient``, as OpenGL does.
+    ``towards`` points from the world to the light, at any length. Miniworld intends a lamp at ``light_pos``, but passes
+    OpenGL three numbers instead of four. The result is a light in the direction ``light_pos + (1, 1, 1)``, which a
+    world passes here. A fifth of white is added to ``ambient``, as in OpenGL.
     """
 
     towards: Vector = (1.0, 3.5, 1.0)
@@ -166,7 +176,7 @@ class Scene:
     places: NDArray[np.float64]  # (looks, 4)
     light: Light = Light()
     sky: Rgb = (0.25, 0.82, 1.0)
-    display: bool = False  # in the look of a display
+    display: bool = False  # whether to draw in the style of a participant's display, instead of Miniworld's
 
     def __post_init__(self) -> None:
         if self.places.shape != (self.layout.thing_count, 4):
@@ -184,12 +194,12 @@ class SceneTables:
     """A scene's tables, which do not change once they are made."""
 
     rooms: RoomTable
-    packed_rooms: tuple[F64, I32]  # their faces, and the rooms
-    packed_library: tuple[F64, I32]  # faces of things
+    packed_rooms: tuple[F64, I32]  # the rooms' faces, then the rooms
+    packed_library: tuple[F64, I32]  # the things' faces
     things: F64  # (things, THING_SIZE)
     textures: TextureTable
-    capacity: int  # the most faces one picture can show
-    most_corners: int  # of one face
+    capacity: int  # the maximum number of faces in one picture
+    most_corners: int  # the maximum number of corners of one face, clipped at the picture's edges
 
     @property
     def thing_count(self) -> int:
@@ -213,14 +223,14 @@ def build_scene(
     light: Light | None = None,
     sky: Rgb = (0.25, 0.82, 1.0),
 ) -> Scene:
-    """Return a scene; without places, its entities are hidden until ``Scene.at`` gives their places.
+    """Return a scene of rooms and entities; without places, the entities are hidden until ``Scene.at`` gives them.
 
     Raises:
         WorldError: if there are no rooms, an opening leads nowhere, or a texture or mesh is unknown.
     """
     if not rooms:
         raise WorldError("the scene has no rooms; give it one or more")
-    return add_things(_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
+    return add_things(_pack_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
 
 
 def add_things(
@@ -233,18 +243,22 @@ def add_things(
     sky: Rgb = (0.25, 0.82, 1.0),
     display: bool = False,
 ) -> Scene:
-    """Return a scene of rooms that are tables already, with entities."""
+    """Return a scene of rooms and entities; ``tables`` are the rooms' faces and the rooms.
+
+    Without places, the entities are hidden until ``Scene.at`` gives them.
+    """
     faces, room_table = tables
-    table, things = _things(looks, library)
-    (floats, wholes), (more_floats, more_wholes) = packed_faces(faces), packed_rooms(room_table)
+    thing_faces, things = _pack_things(looks, library)
+    face_floats, face_wholes = packed_faces(faces)
+    room_floats, room_wholes = packed_rooms(room_table)
     layout = SceneTables(
         room_table,
-        (np.concatenate([floats, more_floats]), np.concatenate([wholes, more_wholes])),
-        library.packed if table is library.faces else packed_faces(table),
+        (np.concatenate([face_floats, room_floats]), np.concatenate([face_wholes, room_wholes])),
+        library.packed if thing_faces is library.faces else packed_faces(thing_faces),
         things,
         library.textures,
         capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
-        most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
+        most_corners=_count_most_corners(faces, thing_faces, things) + 8,
     )
     if places is None:
         place_table = np.full((len(looks), 4), np.nan)
@@ -253,70 +267,83 @@ def add_things(
     return Scene(layout, place_table, light if light is not None else Light(), sky, display)
 
 
-def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
+def _count_most_corners(faces: FaceTable, thing_faces: FaceTable, things: F64) -> int:
+    """Return the largest number of corners of a face in the rooms or of a thing, at least four."""
+    counts = np.diff(thing_faces.start)
+    counts_by_thing = [counts[first:last] for first, last in things[:, (FIRST, LAST)].astype(int).tolist()]
+    return int(max(4, *(face_counts.max(initial=0) for face_counts in (np.diff(faces.start), *counts_by_thing))))
+
+
+def _pack_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
+    """Return the table of the faces of all rooms, and the table of the rooms."""
     polygons = []
-    places = []
-    rows = []
+    texture_places = []
+    texture_rows = []
     first_face = [0]
     edges = []
     first_edge = [0]
     bounds = []
-    holes = []
-    into = []
+    opening_corners = []
+    opening_into = []
     first_opening = [0]
     for room in rooms:
         for surface in room.surfaces:
             polygons.append(surface.corners)
-            places.append(surface.texture_m / np.array(library.texture_size_m(surface.texture)))
-            rows.append(library.texture_row(surface.texture))
+            texture_places.append(surface.texture_m / np.array(library.texture_size_m(surface.texture)))
+            texture_rows.append(library.texture_row(surface.texture))
         for opening in room.openings:
             if not 0 <= opening.into < len(rooms):
                 raise WorldError(f"an opening leads into room {opening.into}; rooms are 0 to {len(rooms) - 1}")
-            holes.append(opening.corners)
-            into.append(opening.into)
-        outline = room.outline
-        following = np.roll(outline, -1, axis=0)
-        along = following - outline
-        along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))
-        # the inside of a counter-clockwise outline (x right, z down the page) is on the left of its edges
-        a = along[:, 1]
-        b = -along[:, 0]
-        edges.append(np.column_stack([a, b, -(a * outline[:, 0] + b * outline[:, 1])]))
-        bounds.append([*outline.min(axis=0), *outline.max(axis=0)])
+            opening_corners.append(opening.corners)
+            opening_into.append(opening.into)
+        edges.append(_edge_lines(room.outline))
+        bounds.append([*room.outline.min(axis=0), *room.outline.max(axis=0)])
         first_face.append(len(polygons))
-        first_edge.append(first_edge[-1] + len(outline))
-        first_opening.append(len(holes))
+        first_edge.append(first_edge[-1] + len(room.outline))
+        first_opening.append(len(opening_corners))
     table = RoomTable(
         np.array(first_face, np.int32),
         np.array(bounds),
         np.array(first_edge, np.int32),
         np.concatenate(edges),
         np.array(first_opening, np.int32),
-        np.array(holes).reshape(-1, 4, 3),
-        np.array(into, np.int32),
+        np.array(opening_corners).reshape(-1, 4, 3),
+        np.array(opening_into, np.int32),
         np.array([room.roofed for room in rooms]),
     )
-    return pack(polygons, places, rows), table
+    return pack(polygons, texture_places, texture_rows), table
 
 
-def _things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
+def _edge_lines(outline: F64) -> F64:
+    """Return the lines of an outline's edges, (edges, 3) a, b, c: a*x + b*z + c is the distance to the inside."""
+    following = np.roll(outline, -1, axis=0)
+    along = following - outline
+    along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))
+    # the inside of a counter-clockwise outline (x right, z down the page) is on the left of its edges
+    a = along[:, 1]
+    b = -along[:, 0]
+    return np.column_stack([a, b, -(a * outline[:, 0] + b * outline[:, 1])])
+
+
+def _pack_things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
+    """Return the faces of the library, followed by those of frames; and a row of `kernel_tables` for each entity."""
     rows = []
     frames = []
     for index, look in enumerate(looks):
         if isinstance(look, FrameLook):
-            frames.append((index, _frame(look, library)))
-        rows.append(_row(look, library))
-    table = library.faces
+            frames.append((index, _frame_faces(look, library)))
+        rows.append(_thing_row(look, library))
+    faces = library.faces
     things = np.array(rows, np.float64).reshape(-1, THING_SIZE)
     for index, frame in frames:
-        things[index, FIRST] = len(table.texture)
-        table = join(table, frame)
-        things[index, LAST] = len(table.texture)
-    return table, things
+        things[index, FIRST] = len(faces.texture)
+        faces = join(faces, frame)
+        things[index, LAST] = len(faces.texture)
+    return faces, things
 
 
-def _row(look: Look, library: Library) -> tuple[float, ...]:
-    """Return the table columns of an entity, without the faces of a frame, which are not known yet."""
+def _thing_row(look: Look, library: Library) -> tuple[float, ...]:
+    """Return an entity's row of the things' table; a frame's range of faces is 0 to 0 until they are added."""
     match look:
         case BoxLook(size, colour):
             around = float(np.hypot(size[0], size[2])) / 2
@@ -338,21 +365,21 @@ def _row(look: Look, library: Library) -> tuple[float, ...]:
             return *SHADOW_FACES, radius_m, 1.0, radius_m, 1.0, 0.0, 0.0, 0.0, reach, reach, reach, 0.0, 0.0, reach
 
 
-def _frame(look: FrameLook, library: Library) -> FaceTable:
+def _frame_faces(look: FrameLook, library: Library) -> FaceTable:
     """Return the faces of a frame that faces +x: one square per texture from left to right, and four black edges."""
     half_width = look.width_m / 2
     half_height = look.height_m / 2
     depth = look.depth_m
-    unit = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    whole_texture = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
     polygons = []
-    rows = []
+    texture_rows = []
     step = look.width_m / len(look.textures)
     for index, name in enumerate(look.textures):
         left = half_width - index * step
         right = left - step
         y = half_height
         polygons.append(np.array([[depth, y, right], [depth, y, left], [depth, -y, left], [depth, -y, right]]))
-        rows.append(-1 if name is None else library.texture_row(name))
+        texture_rows.append(-1 if name is None else library.texture_row(name))
     y = half_height
     z = half_width
     edges = [
@@ -362,7 +389,7 @@ def _frame(look: FrameLook, library: Library) -> FaceTable:
         [[depth, -y, -z], [depth, -y, z], [0, -y, z], [0, -y, -z]],
     ]
     polygons += [np.array(edge, np.float64) for edge in edges]
-    rows += [-1] * 4
-    faces = pack(polygons, [unit] * len(polygons), rows)
-    faces.colour[-4:] = 0.0
+    texture_rows += [-1] * 4
+    faces = pack(polygons, [whole_texture] * len(polygons), texture_rows)
+    faces.colour[-4:] = 0.0  # black
     return faces

@@ -48,25 +48,26 @@ from minihuman.worlds.first_person.render.texture import (
 )
 from minihuman.worlds.kernels import device_function, int64, kernel
 
-# The columns of a fragment group: pixels side by side that a face covers, with the same number of samples each.
-# run -1 for a face of one colour
-OF = 0
+# The columns of a fragment group, adjacent pixels in each of which a face covers the same number of samples (WEIGHT).
+# RUN is -1 for a face of one colour.
+OF = 0  # the face
 START = 1
 COUNT = 2
 RUN = 3
 WEIGHT = 4
-# The columns of a run: pixels side by side that a face is looked up at, and where in the scanline that is.
+# More columns of a run, adjacent pixels at which a face's texture is looked up: one past its last pixel, and the index
+# of its first one in the scanline.
 STOP = 2
 SLOT = 3
-MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken so many at a time
-MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next group
-AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
-MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
-FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
-# how far a joint of two faces darkens them; and a thing the floor, by its own reach
+MOST_MIXED = 16  # the maximum number of adjacent pixels in a group of pixels that several faces cover alike
+MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # with more lookups, they are done before the next group
+AHEAD = 8.0  # rows further down, whose texels are prefetched
+MOST_APART = 2  # if the sizes that fit at both ends of sixteen pixels differ by more, each pixel has its own size
+FULL = 65535  # full light, in 1/65536: the missing part changes no rounded colour
+# the distance up to which a joint of two faces darkens them, and a thing the floor, as a multiple of the thing's radius
 JOINT_M = 0.8
 CONTACT = 2.0
-BELOW = 0.3  # of the square of that reach, by CONTACT: how much of it is as dark as a joint, mostly below the thing
+BELOW = 0.3  # the part of the square of that distance within which the floor is as dark as at a joint
 RED_BLUE = 0xFF00FF
 GREEN = 0x00FF00
 
@@ -80,7 +81,7 @@ def plain_colour(planes: F64, face: int) -> int:
 
 @device_function(nogil=True, force_inline=True)
 def span_at(buffers: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
-    """Return the face at a pixel of a sample row (-1 for the sky), the face's end, and the number of the next span."""
+    """Return the face at pixel ``x`` of a sample row (-1 for the sky), its end, and the index of the next span."""
     spans = buffers.spans
     if k == buffers.counts[index(row)]:
         return -1, width, k
@@ -206,7 +207,7 @@ def place_run(
 def look_up_run(
     run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
-    """Compute the colours of the pixels in a run, whose texture positions are known."""
+    """Compute the colours of the pixels in a run, whose texture positions `place_run` has computed."""
     scanline = memory
     lights = memory[LIGHTS:]
     places = memory[PLACES:]

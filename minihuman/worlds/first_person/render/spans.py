@@ -7,7 +7,7 @@ Corners lie on a grid of 1/256 pixel and below 2**23 of its steps, so every prod
 from typing import Any
 
 import numpy as np
-from numpy import uint64 as index  # which cannot count from the end
+from numpy import uint64 as index  # never negative, so kernels need not handle indices from the end
 
 from minihuman.worlds.first_person.render.kernel_tables import BEGIN, END, F64, FACE, DrawBuffers
 from minihuman.worlds.kernels import device_function, int64
@@ -31,7 +31,11 @@ def cross(
     low: float,
     high: float,
 ) -> None:
-    """Compute where an edge crosses eight sample rows from ``row``, a multiple of 4, between ``first`` and ``last``."""
+    """Write to ``side`` where an edge crosses eight sample rows, as pixels from ``low`` to ``high``.
+
+    The rows are those from ``row``, a multiple of 4, which are also from ``first`` to below ``last``. The edge begins
+    at (xa, ya) and spans ``width`` and ``height``, in 1/256 pixel.
+    """
     rows = ops.count_from(row, 8, 1)
     right = ops.all_of(xa, 8) - ops.these([160.0, 32.0, 224.0, 96.0] * 2)
     down = rows * ROW_STEP + 32.0 - ops.all_of(ya, 8)
@@ -90,14 +94,14 @@ def outline(buffers: DrawBuffers, corner_count: int, window: F64) -> tuple[int, 
 
 @device_function(nogil=True, force_inline=True)
 def put(buffers: DrawBuffers, row: int, at: int, begin: int, end: int, face: int) -> None:
-    """Write a span into a row."""
+    """Write a span into a row of samples, at index ``at``."""
     span = buffers.spans[index(row), index(at)]
     span[BEGIN], span[END], span[FACE] = begin, end, face
 
 
 @device_function(nogil=True, force_inline=True)
 def shift(buffers: DrawBuffers, row: int, first: int, last: int, by: int) -> None:
-    """Move some spans of a row to the right or to the left."""
+    """Move the spans of a row from index ``first`` to below ``last`` by a number of indices, which can be negative."""
     spans = buffers.spans
     for i in range(last - first):
         k = last - 1 - i if by > 0 else first + i

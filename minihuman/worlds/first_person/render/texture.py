@@ -16,28 +16,28 @@ from minihuman.worlds.simd import Array, simd_function
 
 U32 = NDArray[np.uint32]
 
-LANES = 16  # pixels at once; half of them where no more are wanted
-BLOCK = LANES * (LANES - 1)  # pixels between the ends of which sizes are found at once
-SCANLINE_BUFFER = 512  # pixels whose places and colours are kept at once
-TAP = 4 * SCANLINE_BUFFER  # numbers from one tap of a pixel to the next
-# of a pixel; and what is added to their number where they lie below each other
+LANES = 16  # pixels at once; sometimes half as many at the end of a row
+BLOCK = LANES * (LANES - 1)  # the number of pixels for which one call of `fit` finds the sizes
+SCANLINE_BUFFER = 512  # the number of pixels whose texel positions and colours are in memory at once
+TAP = 4 * SCANLINE_BUFFER  # the distance between the numbers of a pixel's first tap, its second, and so on
+# the maximum number of taps (texture lookups) of a pixel; and a flag in that number, if they lie below each other
 MOST_TAPS = 4
 DOWN = 8
-# how much longer than wide the part of a texture is that a pixel with them covers
+# the ratio of length to width, of the part of a texture that a pixel covers, above which it has two or four taps
 TWO_TAPS = 1.2
 FOUR_TAPS = 2.2
-MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
+MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels on a side
 WHITE = 0xFFFFFF
 ONE = 0x3F800000  # the bits of 1 as float32
-# so far away light has lost half of what distance takes: at last 0.35 of 1.35
+# The light at a distance d is (d + FADE_M) / (d + FADE_M + FADED * d) of that nearby.
 FADE_M = 14.0
 FADED = 0.35
-# how light a near wall is in the look of a display, and how much darker at a joint
+# in the style of a display: the light of a near wall, and the part of it that a joint takes away
 BRIGHTER = 1.12
 DARK = 0.45
 
-_BIAS = 127  # of a float32's power of two
-_OTHERS = 0x00FF00FF  # than green
+_BIAS = 127  # of a float32's exponent
+_OTHERS = 0x00FF00FF  # the channels other than green
 _THREE_OF_FOUR = [lane for lane in range(4 * LANES) if lane % 4 < 3]
 
 
@@ -50,7 +50,10 @@ def _seen(
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> tuple[Any, Any, Any]:
-    """Compute a face's distance at pixels of a row, counted from the first, and its texture position: right, up."""
+    """Return a face's distance at some pixels of a row, and its texture position right and up.
+
+    ``steps`` are the pixels' numbers from the first one. The other arguments are as in `fit`.
+    """
     far = 1.0 / ops.larger(
         ops.single(inverse[1], count) * steps + ops.single(inverse[0], count), ops.single(least, count)
     )
@@ -67,7 +70,11 @@ def _ways(
     u: tuple[float, float, float],
     v: tuple[float, float, float],
 ) -> list[Any]:
-    """Compute a pixel's extent in the texture divided by ``far``: across per pixel right and down, then upwards."""
+    """Return a pixel's extent in the texture, divided by the face's distance.
+
+    The four numbers are the change of the texture position right, per pixel right and down, and then of that up.
+    ``projected`` is the result of `_seen`.
+    """
     _, right, up = projected
     by = ops.single(inverse[1], count), ops.single(inverse[2], count)
     return [
@@ -76,13 +83,14 @@ def _ways(
 
 
 def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, high: float, last: int) -> Any:
-    """Choose the texture size: the last one of which a pixel covers a texel along its longer extent."""
+    """Return the number of the smallest texture size of which a pixel covers a texel along its longer extent."""
     across, along = (ops.larger(ops.size(ways[k]), ops.size(ways[k + 1])) for k in (0, 2))
     covered = ops.larger(across * ops.single(wide, count), along * ops.single(high, count)) * far
     return _number(ops, count, covered, last)
 
 
 def _number(ops: Any, count: int, covered: Any, last: int) -> Any:
+    """Return the number of the smallest size, up to ``last``, for pixels that cover some texels of the largest size."""
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
     quarters = ops.view(square * square, "uint32") >> 23
@@ -196,7 +204,10 @@ def place_each(
     high: float,
     least: float,
 ) -> None:
-    """Write the texel positions of pixels with a size each; the texture's sizes start in the table at ``first``."""
+    """Write the texel positions of pixels that each have their own texture size.
+
+    The texture's sizes begin at index ``first`` of the table. The other arguments are as in `fit` and `place`.
+    """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     projected = _seen(ops, ops.steps(LANES), LANES, least, *ways)
     number = _fitting(ops, LANES, projected[0], _ways(ops, LANES, projected, *ways), wide, high, last)
@@ -205,8 +216,13 @@ def place_each(
 
 
 def _place(ops: Any, places: Array, at: int, right: Any, up: Any, size: Sequence[Any]) -> Any:
+    """Write and return the index of the texel below and left of each texture position.
+
+    Also write the index of the texel above it, and the position between them, right and up, in 1/256. ``size`` is the
+    start of the texture size's texels, its width and its height.
+    """
     offset, width, height = size
-    # half a texel less, for texels are known at their middles; one more, for the ring around them
+    # in 1/256 texel: 128 less, as a texel's position is its middle, and 256 more, for the ring of texels around them
     x = ops.cut((right - ops.floor(right)) * (ops.short(width) * 256.0)) + 128
     y = ops.cut((up - ops.floor(up)) * (ops.short(height) * 256.0)) + 128
     row = width + 2
@@ -220,16 +236,18 @@ def _place(ops: Any, places: Array, at: int, right: Any, up: Any, size: Sequence
 
 @simd_function()
 def light(ops: Any, lights: Array, red: int, green: int, blue: int) -> None:
-    """Write a light of 0 to 65535 for each channel."""
+    """Write the light of each channel, 0 to 65535, for the functions that look up colours."""
     for nth, pair in enumerate((red | blue << 16, green)):
         ops.store(lights, nth * LANES, ops.fixed(pair, LANES))
 
 
 def _look_up(count: int, taps: int = 1) -> Any:
-    def look_up(ops: Any, texels: Array, places: Array, at: int, lights: Array, out: Array, slot: int) -> None:
-        """Write the colours at some texel positions, under the light that was written before.
+    """Return vector code that looks up the colours of ``count`` pixels, with a number of taps each."""
 
-        With several taps, each one has its share of the light.
+    def look_up(ops: Any, texels: Array, places: Array, at: int, lights: Array, out: Array, slot: int) -> None:
+        """Write the colours at the texel positions that `place` wrote, under the light that `light` wrote.
+
+        With several taps, that light is each tap's share.
         """
         by = [ops.view(ops.load(lights, nth * LANES, count), "uint16") for nth in (0, 1)]
         tap_sums = []
@@ -240,7 +258,7 @@ def _look_up(count: int, taps: int = 1) -> Any:
             red_blues = [ops.view(texels & _OTHERS, "uint16") for texels in (a, b, c, d)]
             greens = [ops.view(texels, "uint16") >> 8 for texels in (a, b, c, d)]
             channels = _between(red_blues, *share), _between(greens, *share)
-            # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
+            # a channel is 0 to 255 in the upper eight bits, before and after; the lower ones are rounded away
             tap_sums.append(
                 [ops.upper((channel + 128) & 0xFF00, light) for channel, light in zip(channels, by, strict=True)]
             )
@@ -280,7 +298,11 @@ def shade(
     blue: float,
     blue_x: float,
 ) -> None:
-    """Light sixteen colours with a varying light, given at the first pixel, divided by distance, with its change."""
+    """Multiply sixteen colours by a light that varies along the row.
+
+    ``red``, ``green`` and ``blue`` are the light at the first pixel divided by distance, and ``_x`` their changes per
+    pixel. ``inverse`` and ``least`` are as in `fit`.
+    """
     steps = ops.steps(LANES)
     far = ops.single(inverse_x, LANES) * steps + ops.single(inverse, LANES)
     far = 1.0 / ops.larger(far, ops.single(least, LANES))

@@ -66,12 +66,12 @@ from minihuman.worlds.first_person.render.rasterisation import (
 from minihuman.worlds.first_person.render.spans import ROW_STEP, SAMPLE_X
 from minihuman.worlds.kernels import device_function, int64, kernel
 
-DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
+DOORSTEP_M = 0.06  # a camera this close to an opening sees through it in the whole window
 
 
 @device_function(nogil=True, force_inline=True)
 def contains(rooms: RoomTable, room: int, x: float, z: float) -> bool:
-    """Return whether a place is inside a room, or within a millionth of a metre of it."""
+    """Return whether the point (x, z) is inside a room, or within a millionth of a metre of it."""
     for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
         if rooms.edge[e, 0] * x + rooms.edge[e, 1] * z + rooms.edge[e, 2] < -1e-6:
             return False
@@ -241,7 +241,7 @@ def narrow(things: F64, thing: int, placement: F64, view: F64, window: F64) -> b
 
 @device_function(nogil=True, wide=int64, high=int64, reached=int64)
 def survey(buffers: DrawBuffers, view: F64, window: F64) -> None:
-    """Write for each tile the least nearness of what covers its samples in the window."""
+    """Write for each tile the least nearness of the faces at its samples in the window; -inf where there is sky."""
     tiles = buffers.tiles
     planes = buffers.planes
     spans = buffers.spans
@@ -273,15 +273,15 @@ def survey(buffers: DrawBuffers, view: F64, window: F64) -> None:
                 line[column] = -np.inf
 
 
-MANY = 48  # faces of a thing: it is worth to see first whether they can be seen
-SAMPLES = 5  # the column of places that is written to
+MANY = 48  # a thing with more faces is first tested as a whole, and its faces against the picture so far
+SAMPLES = 5  # the column of ``places`` to which `cover` writes the number of an entity's samples
 
 
 @device_function(nogil=True, force_inline=True)
 def window_of(
     x: float, z: float, reach: float, rooms: RoomTable, sight: Sight, listed: int, everything: bool, out: F64
 ) -> bool:
-    """Join the windows of all rooms in which an entity stands or extends; return False if none of them is in sight."""
+    """Write to ``out`` the joint window of the rooms within ``reach`` of (x, z); return False if none is in sight."""
     if everything:
         for k in range(4):
             out[k] = sight.windows[0, k]
@@ -329,7 +329,7 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
 
 @device_function(nogil=True, force_inline=True)
 def place_thing(things: F64, thing: int, places: F64, placement: F64) -> None:
-    """Write an entity's placement: its position and orientation."""
+    """Write an entity's position, orientation, scale and tint into ``placement``."""
     for k in range(3):
         placement[PLACE + k] = places[thing, k]
         placement[SCALE + k] = things[thing, THING_SCALE + k]

@@ -53,7 +53,7 @@ from minihuman.worlds.kernels import device_function, kernel
 
 @device_function()
 def lies_so(row: Row, cell: int, place: int) -> bool:
-    """Return whether a cell is in the agent's room (including its walls) and on the given side of the agent."""
+    """Return whether a cell is in the agent's room, walls included, and on a side of the agent; True for ANY side."""
     if place == ANY:
         return True
     height = row[HEIGHT]
@@ -95,9 +95,10 @@ def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
 
 @device_function()
 def count_walls(row: Row, colour: int, place: int) -> int:
-    """Return the number of wall cells that match "a grey object", up to two.
+    """Return the number of wall cells of a colour in a place, two at most; ANY matches every colour or place.
 
-    Minigrid counts walls among the matching objects, and then says "a" instead of "the".
+    Minigrid counts walls among the objects that match "a grey object", and if there are several matching objects, the
+    sentence has the article "a" instead of "the".
     """
     count = 0
     for cell in range(row[WIDTH] * row[HEIGHT]):
@@ -111,7 +112,7 @@ def count_walls(row: Row, colour: int, place: int) -> int:
 
 @device_function()
 def bind(row: Row) -> bool:
-    """Record which objects match each description, and where they lie; return False if a description matches none."""
+    """Record which objects match each description, and in which cells they lie; return whether each matches one."""
     block = block_of(row)
     means = means_of(row)
     for k in range(row[OBJECTS]):
@@ -187,7 +188,7 @@ def instruct(
     """Set an instruction as the task of a layout in which the agent is placed.
 
     Args:
-        row: the state of a world whose mission is an `InstructionSpace`.
+        row: the state of a world whose mission is an `InstructionSpace`; it is changed.
         instruction: the instruction.
         own_steps: whether each part is judged by its own steps and by where objects are, unlike in Minigrid.
         done_required: whether a clause only counts when the agent says "done" right after carrying it out.

@@ -71,16 +71,16 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.kernels import device_function, kernel
 
-MOST_LOCKS = 4  # more locked doors are taken for closed ones
-# sorts of things in hand: none, any, one to be put somewhere, keys by colour
+MOST_LOCKS = 4  # further locked doors are treated as closed doors that are not locked
+# classes of carried objects: none, any, an object to be put somewhere; from KEYS on, keys by the lock that they open
 NOTHING = 0
 OTHER = 1
 MOVED = 2
 KEYS = 3
 
-Table = NDArray[np.int32]  # by (unlocked, hand, cell, direction)
+Table = NDArray[np.int32]  # (sets of unlocked doors, classes in hand, poses); a pose is 4 * cell + direction
 Locks = NDArray[np.int64]  # (locks, 2): identity of the door, its colour
-Sorts = NDArray[np.int64]  # by identity - 1: what sort of thing an object is in hand
+Sorts = NDArray[np.int64]  # by identity - 1: the class of the object when it is carried
 
 
 @kernel("(int32[::1],)")
@@ -151,9 +151,9 @@ def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDA
 def distance_heuristic(
     row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts, careful: bool
 ) -> Table:
-    """Return the table of distances for a clause, FAR where it cannot be done even in the simplified world.
+    """Return the number of actions to complete a clause from each state of the simplified world, FAR if impossible.
 
-    With ``careful``, doors and objects in the way cost what they usually take; otherwise it never overestimates.
+    With ``careful``, doors and objects in the way add what they usually take; otherwise it never overestimates.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -161,7 +161,7 @@ def distance_heuristic(
     hands = KEYS + len(locks)
     sets = 1 << len(locks)
     steps = np.full((sets, hands, cells * 4), FAR, np.int32)
-    span = 16
+    span = 16  # more than the cost of any action: a ring of queues by distance
     queue = np.empty((span, steps.size), np.int32)
     waiting = np.zeros(span, np.int64)
     lock_at = np.full(cells, -1, np.int64)
@@ -178,7 +178,7 @@ def distance_heuristic(
         elif careful and kind == DOOR:
             cost[cell] = 2 if state_of(code) == CLOSED else 1
         elif careful and identity_of(code) > 0:
-            cost[cell] = 5
+            cost[cell] = 5  # about as many actions as it takes to move an object out of the way
     goal(row, clause, codes, locks, sorts, cost, lock_at, steps)
     flat = steps.reshape(-1)
     at_most = 0
@@ -207,9 +207,9 @@ def distance_heuristic(
             for move in range(5 + hands + len(locks)):
                 before = -1
                 added = 1
-                if move < 2:
+                if move < 2:  # the action before was a turn
                     before = base + cell * 4 + ((direction + 1 + 2 * move) & 3)
-                elif move == 2:
+                elif move == 2:  # a step forward
                     enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)
                     from_x, from_y = ahead(x, y, direction ^ 2)
                     if enters and from_x >= 0 and from_y >= 0 and from_x < width and from_y < height:
@@ -217,19 +217,19 @@ def distance_heuristic(
                         if cost[behind] > 0:
                             before = base + behind * 4 + direction
                             added = cost[cell]
-                elif move == 3:
+                elif move == 3:  # picking up
                     if hand >= MOVED:
                         extra = lies_ahead(row, x, y, direction, hand, codes, locks, sorts)
                         if extra > 0:
                             before = state - hand * cells * 4
                             added = extra
-                elif move == 4:
+                elif move == 4:  # no action has this number
                     continue
-                elif move < 5 + hands:
+                elif move < 5 + hands:  # dropping an object of class move - 5
                     if hand == NOTHING and move > 5:
                         before = state + (move - 5) * cells * 4
                 else:
-                    lock = move - 5 - hands
+                    lock = move - 5 - hands  # unlocking
                     i, j = ahead(x, y, direction)
                     next_cell = i * height + j
                     faced = next_cell >= 0 and next_cell < cells and lock_at[next_cell] == lock
@@ -292,7 +292,7 @@ def goal(
     lock_at: NDArray[np.int64],
     steps: Table,
 ) -> None:
-    """Enter the cost of the last action into the table, for every state in which the clause can be completed."""
+    """Set ``steps`` where one action, or none, completes the clause: to the cost of this action, or to 0."""
     width = row[WIDTH]
     height = row[HEIGHT]
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
@@ -345,7 +345,7 @@ def codes_of(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
-    """Return whether the action just taken has completed a clause."""
+    """Return whether the action just taken has completed a clause; ``held_before`` was carried before, or 0."""
     at = block_of(row) + CLAUSES + clause * CLAUSE
     verb = row[at + VERB]
     meant = 1 << 2 * clause
@@ -371,7 +371,7 @@ def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
 def may_help(row: Row, clause: int, action: int, last: int) -> bool:
     """Return whether the search tries an action.
 
-    It does not close doors, pick up an object just put down, or do anything that would break the clause.
+    It does not close doors, pick up the object ``last`` that it has just put down, or violate a strict clause.
     """
     if action <= FORWARD:
         return True

@@ -39,8 +39,8 @@ JOIN = 0  # how the parts are joined
 LEFT = 1
 RIGHT = 2
 FLAGS = 3
-HANDED = 4  # identity of what is put into the agent's hand after the first look
-ROUNDS = 5  # layouts drawn until one was accepted
+HANDED = 4  # identity of the object that is put into the agent's hand after the first observation; 0 for none
+ROUNDS = 5  # number of layouts drawn, up to the accepted one
 ROOM = 6  # cells on a side of a room, walls included, for "on your left"; 0: the grid is one room
 CLAUSES = 8  # the first clause
 MOST_CLAUSES = 4
@@ -50,11 +50,11 @@ STRICT = 1  # doing it to anything else is failure
 STATUS = 2
 WHEN = 3  # the step in which it was satisfied
 HELD = 4  # identity of what was in hand when it was last judged; 0 for nothing
-MATCHED = 5  # where "done" must be said: the last step has done it
+MATCHED = 5  # with SAY_DONE: whether the last step has completed the clause
 THING = 6  # the description: kind, colour, place (-1: any), and whether it means more than one thing
 OTHER = 10  # the second description
 KIND, COLOUR, PLACE, PLURAL = range(4)
-CLAUSE = 14  # numbers a clause
+CLAUSE = 14  # numbers per clause
 
 BLOCK = CLAUSES + MOST_CLAUSES * CLAUSE
 
@@ -100,7 +100,7 @@ def noted_of(row: Row) -> int:
 
 VERBS: dict[type[Clause], int] = {GoTo: GO_TO, Open: OPEN, Pickup: PICK_UP, PutNext: PUT_NEXT}
 JOINS: dict[type, int] = {Before: BEFORE, After: AFTER}
-UNSAID = -1  # in numbers to be compared: "a" or "the" was not said
+UNSAID = -1  # in the place of PLURAL: "a" or "the" was not said
 
 
 def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
@@ -121,7 +121,7 @@ def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
 
 
 def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
-    """Return a description as the numbers of its kind, colour and place, and whether it is plural."""
+    """Return a description's kind, colour and place as numbers or ANY; and 1 if it is plural, 0 if not, or UNSAID."""
     return (
         ANY if thing.kind is None else KINDS.index(thing.kind),
         ANY if thing.colour is None else COLOURS.index(thing.colour),
@@ -132,12 +132,12 @@ def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
 
 def block(row: Row) -> Row:
     """Return the block of a state's instruction as a view, int32[BLOCK]."""
-    begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])  # plain Python: no kernel is compiled for it
+    begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])  # not `block_of`, a kernel that would be compiled first
     return row[begin : begin + BLOCK]
 
 
 def described_objects(row: Row) -> Row:
-    """Return a view of each object's number, by identity - 1, the bits of which say which descriptions match it."""
+    """Return a view of the objects' numbers, by identity - 1; bit ``d`` says whether description ``d`` matches."""
     cells = int(row[WIDTH]) * int(row[HEIGHT])
     begin = HEADER + 3 * cells + BLOCK
     return row[begin : begin + int(row[OBJECTS])]
@@ -145,7 +145,7 @@ def described_objects(row: Row) -> Row:
 
 def instruction_of(row: Row) -> Instruction:
     """Return the instruction that a state encodes."""
-    instruction: Instruction = _read(*_sentence_numbers(block(row).tobytes()), _clause)
+    instruction: Instruction = _build_instruction(*_sentence_numbers(block(row).tobytes()), _build_clause)
     return instruction
 
 
@@ -165,7 +165,7 @@ def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
 
 @lru_cache(maxsize=4096)
 def _sentence(numbers: bytes) -> str:
-    return str(_read(*_sentence_numbers(numbers), _words))
+    return str(_build_instruction(*_sentence_numbers(numbers), _clause_text))
 
 
 def _sentence_numbers(block_bytes: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
@@ -183,26 +183,40 @@ def _sentence_numbers(block_bytes: bytes) -> tuple[int, int, int, tuple[tuple[in
 
 
 @lru_cache(maxsize=4096)
-def _read(join: int, left: int, strict: int, lines: tuple[tuple[int, ...], ...], clause: Callable[..., Any]) -> Any:
-    """Return an instruction from its numbers; ``clause`` is the function that makes a clause from its numbers."""
-    read = [clause(*line) for line in lines]
-    first = read[0] if left == 1 else And(*read[:left])
+def _build_instruction(
+    join: int,
+    first_count: int,
+    strict: int,
+    clause_numbers: tuple[tuple[int, ...], ...],
+    build_clause: Callable[..., Any],
+) -> Any:
+    """Return the instruction that numbers encode.
+
+    Args:
+        join: how the parts are joined: ALONE, BEFORE or AFTER.
+        first_count: the number of clauses in the first part.
+        strict: 1 if doing the second part first is failure, else 0.
+        clause_numbers: the numbers of each clause.
+        build_clause: a function that returns a clause, or its text, from its numbers.
+    """
+    built_clauses = [build_clause(*numbers) for numbers in clause_numbers]
+    first = built_clauses[0] if first_count == 1 else And(*built_clauses[:first_count])
     if join == ALONE:
         return first
-    if left + 1 == len(read):
-        second = read[left]
+    if first_count + 1 == len(built_clauses):
+        second = built_clauses[first_count]
     else:
-        second = And(*read[left:])
+        second = And(*built_clauses[first_count:])
     if join == BEFORE:
         return Before(first, second, bool(strict))
     return After(first, second, bool(strict))
 
 
 @lru_cache(maxsize=4096)
-def _clause(verb: int, strict: int, *numbers: int) -> Clause:
-    thing = _thing(*numbers[:4])
+def _build_clause(verb: int, strict: int, *numbers: int) -> Clause:
+    thing = _build_description(*numbers[:4])
     if verb == PUT_NEXT:
-        return PutNext(thing, _thing(*numbers[4:]), bool(strict))
+        return PutNext(thing, _build_description(*numbers[4:]), bool(strict))
     if verb == GO_TO:
         return GoTo(thing)
     if verb == OPEN:
@@ -211,12 +225,12 @@ def _clause(verb: int, strict: int, *numbers: int) -> Clause:
 
 
 @lru_cache(maxsize=4096)
-def _words(*numbers: int) -> str:
-    return str(_clause(*numbers))
+def _clause_text(*numbers: int) -> str:
+    return str(_build_clause(*numbers))
 
 
 @lru_cache(maxsize=512)
-def _thing(kind: int, colour: int, place: int, is_plural: int) -> ObjectDescription:
+def _build_description(kind: int, colour: int, place: int, is_plural: int) -> ObjectDescription:
     return ObjectDescription(
         None if kind == ANY else KINDS[kind],
         None if colour == ANY else COLOURS[colour],

@@ -34,48 +34,51 @@ from minihuman.worlds.grid.core.search import FAR, FOUND, NONE, distances
 from minihuman.worlds.grid.core.state import CARRYING, MAX_STEPS, PHASE, PLAYING, STEP, Row, State, cell_at
 from minihuman.worlds.grid.descent import descend
 
-MOST_CLEARED = 24
-LIMIT = 1 << 13  # states of each search on the way
-SPARED = 1 << 30  # a meaning that keeps a box from being opened
+MOST_CLEARED = 24  # objects to move out of the way of one clause
+LIMIT = 1 << 13  # states that each search of `do_to` may store
+SPARED = 1 << 30  # a bit of no description in an object's number, which keeps the search from opening a box
 
 
 def clear_way(row: Row, clause: int) -> list[int] | None:
-    """Move the objects that block a clause out of the way; return the actions, or None if one cannot be moved.
+    """Move the objects that block a clause out of the way, and set the row to the state after that.
 
-    The row is set to the state after these actions.
+    Return the actions. Return None if the clause is strict, the distance heuristic has no path, an object cannot be
+    moved, or there are too many objects (`MOST_CLEARED`).
     """
     if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STRICT]:
         return None
     actions: list[int] = []
     for _ in range(MOST_CLEARED):
-        way = _way(row, clause)
+        way = _path_cells(row, clause)
         if way is None:
             return None
         cells = State(row).cells.ravel()
         is_meant = described_objects(row) >> 2 * clause & 1
-        lying = [
+        blocking_cells = [
             cell
             for cell in way
             if identities_of(cells[cell]) > 0
             and kinds_of(cells[cell]) != DOOR
             and not (cell == way[-1] and is_meant[identities_of(cells[cell]) - 1])
         ]
-        if not lying:
+        if not blocking_cells:
             return actions
-        thing = identities_of(cells[lying[0]])
+        thing = identities_of(cells[blocking_cells[0]])
+        # put down what the agent carries; pick up the object; put it down away from the path
         for make_part in (
             partial(put_down, way=way),
             partial(do_to, verb=encoding.PICK_UP, identity=thing),
             partial(put_down, way=way),
         ):
             part = make_part(row)
-            if part is None or not _do(row, part):
+            if part is None or not _take_actions(row, part):
                 return None
             actions += part
     return None
 
 
-def _do(row: Row, actions: list[int]) -> bool:
+def _take_actions(row: Row, actions: list[int]) -> bool:
+    """Take actions in a row; return False as soon as one of them ends the episode."""
     for action in actions:
         status, _ = try_action(row, action)
         if status & TERMINATED:
@@ -102,8 +105,11 @@ class _Node(NamedTuple):
         return self.x + columns, self.y + rows
 
 
-def _way(row: Row, clause: int) -> list[int] | None:
-    """Return the cells on the path of the distance heuristic, free or not, including the cell for putting down."""
+def _path_cells(row: Row, clause: int) -> list[int] | None:
+    """Return the numbers of the cells on a shortest path of the distance heuristic, whether they are free or not.
+
+    The last one is the cell on which the clause's last action acts. The result is None if there is no path.
+    """
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
@@ -178,8 +184,8 @@ def put_down(row: Row, way: list[int]) -> list[int] | None:
     """
     if row[CARRYING] == EMPTY:
         return []
-    for barred in (_barred(row, way, doors=True), _barred(row, way, doors=False)):
-        poses = _facing_free(row, barred)
+    for barred in (_barred_cells(row, way, doors=True), _barred_cells(row, way, doors=False)):
+        poses = _poses_facing_free_cells(row, barred)
         steps = distances(row, poses, False)
         state = State(row)
         pose = (*state.position, state.direction)
@@ -188,7 +194,8 @@ def put_down(row: Row, way: list[int]) -> list[int] | None:
     return None
 
 
-def _barred(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
+def _barred_cells(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
+    """Return bool[width, height], true in the cells of a path and, with ``doors``, in the cells next to a door."""
     state = State(row)
     barred = np.zeros(state.cells.shape, bool)
     barred.ravel()[way] = True
@@ -200,7 +207,7 @@ def _barred(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
     return barred
 
 
-def _facing_free(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _poses_facing_free_cells(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return the numbers of the poses that face a free cell that is not barred."""
     state = State(row)
     numbers = []
@@ -213,7 +220,7 @@ def _facing_free(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.array(numbers, np.int64)
 
 
-# states looked at: exactly, guessing, and guessing boldly
+# States that a search may store: with the exact heuristic, and with an overestimating one of a low or a high weight
 EXACT = 1 << 12
 SOME = 1 << 14
 MANY = 1 << 16
@@ -255,7 +262,7 @@ def plan_instruction(row: Row) -> InstructionPlan:
     at_least = None
     for order in _orders(scratch):
         trial = scratch.copy()
-        actions, certain, bound = _in_order(trial, order)
+        actions, certain, bound = _plan_in_order(trial, order)
         unsolvable &= certain
         if bound is not None:
             if at_least is None:
@@ -271,12 +278,12 @@ def plan_instruction(row: Row) -> InstructionPlan:
 
 def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
     """Return a plan for one clause of a state's instruction, or None if none is found. The state is not changed."""
-    actions, _, _ = _clause(row, clause)
+    actions, _, _ = _plan_clause(row, clause)
     return actions
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
-    """Yield the orders in which the remaining clauses can be carried out."""
+    """Yield the orders in which the clauses that are not yet satisfied can be carried out."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
@@ -284,21 +291,20 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
     later_part = tuple(range(left, left + right))
     if numbers[encoding.JOIN] == encoding.AFTER:
         earlier_part, later_part = later_part, earlier_part
-    waiting = [
-        tuple(
-            k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
-        )
+    statuses = numbers[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)[:, encoding.STATUS]
+    remaining = [
+        tuple(clause for clause in part if statuses[clause] != encoding.SATISFIED)
         for part in (earlier_part, later_part)
     ]
     if numbers[encoding.JOIN] == encoding.ALONE:
-        waiting = waiting[:1]
-    choices = [(part, part[::-1]) if len(part) == 2 else (part,) for part in waiting]
+        remaining = remaining[:1]
+    choices = [(part, part[::-1]) if len(part) == 2 else (part,) for part in remaining]
     for first in choices[0]:
         for second in choices[1] if len(choices) > 1 else ((),):
             yield first + second
 
 
-def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
+def _plan_in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
     """Plan clauses one after the other, and set the row to the state after them.
 
     Return the actions, whether it is certain that none exist, and a lower bound on the actions for the first clause.
@@ -308,7 +314,7 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
     for place, clause in enumerate(order):
         if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STATUS] == encoding.SATISFIED:
             continue
-        actions, certain, at_least = _clause(row, clause)
+        actions, certain, at_least = _plan_clause(row, clause)
         if place == 0:
             bound = at_least
         if actions is None:
@@ -327,40 +333,43 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
     return None, False, bound
 
 
-def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
+def _plan_clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
     """Plan one clause; return the actions, whether there certainly are none, and a lower bound on their number."""
-    first: list[int] = []
+    first_actions: list[int] = []
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
     table = distance_heuristic(row, clause, codes, locks, sorts, False)
     at_least = int(heuristic_value_of(row, table, locks, sorts))
     if at_least >= FAR and row[CARRYING] != EMPTY:
-        return _after_dropping(row, clause)
+        return _plan_after_dropping(row, clause)
     if at_least >= FAR:
         return None, True, None
     judged_hand = block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.HELD]
     if judged_hand == 0 and row[CARRYING] != EMPTY and at_least <= 1:
-        first = [PICKUP]  # does nothing: what is in hand from the start counts as put down from the second step on
+        first_actions = [PICKUP]  # does nothing; the verifier knows what is in hand only from the second step on
     outcome, actions = search_clause(row, clause, table, locks, sorts, 1, EXACT)
     if outcome == FOUND:
-        return (*first, *actions.tolist()), False, at_least
+        return (*first_actions, *actions.tolist()), False, at_least
     if outcome == NONE:
         return None, True, at_least
-    return _guessing(row, clause), False, at_least
+    return _plan_inexactly(row, clause), False, at_least
 
 
-def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
-    """Plan one clause with more states, an overestimating heuristic, and objects moved out of the way first."""
+def _plan_inexactly(row: Row, clause: int) -> tuple[int, ...] | None:
+    """Plan one clause with an overestimating heuristic, moving objects out of the way if that helps.
+
+    Return None if no plan is found.
+    """
     trial = row.copy()
-    for weight, limit, clears in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
+    for weight, limit, is_clearing in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
         cleared: list[int] | None = []
-        if clears:
+        if is_clearing:
             trial = row.copy()
             cleared = clear_way(trial, clause)
         if cleared is None:
             continue
-        start = trial if clears else row
+        start = trial if is_clearing else row
         codes = codes_of(start)
         locks = find_locks(start)
         sorts = sort_things(start, clause, codes, locks)
@@ -371,8 +380,8 @@ def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
     return None
 
 
-def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Plan one clause after the agent has dropped what it carries."""
+def _plan_after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
+    """Plan one clause after the agent has dropped what it carries; return what `_plan_clause` returns."""
     trial = row.copy()
     turns: list[int] = []
     while int(cell_at(trial, *cell_in_front(trial))) != EMPTY:
@@ -387,7 +396,7 @@ def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool
         or block(trial)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STATUS] == encoding.SATISFIED
     ):
         return tuple(turns), False, 1
-    actions, certain, at_least = _clause(trial, clause)
+    actions, certain, at_least = _plan_clause(trial, clause)
     if actions is None:
         return None, certain, at_least
     return (*turns, *actions), False, 1

@@ -41,9 +41,12 @@ class InstructionSpace(Sentences):
         places: whether objects may be described by their place.
         clauses: the maximum number of clauses in a sentence, 1 to 4.
         seed: the seed for drawing sentences.
+
+    Raises:
+        WorldError: if a verb is unknown, or the number of clauses is out of range.
     """
 
-    varies = True  # from episode to episode
+    varies = True  # the sentence changes from episode to episode
 
     def __init__(
         self, *verbs: str, places: bool = True, clauses: int = 4, seed: int | np.random.Generator | None = None
@@ -65,7 +68,9 @@ class InstructionSpace(Sentences):
 
     def first(self) -> str:
         """Return the fixed sentence that is a world's mission before its first reset."""
-        return str(self._clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball")))
+        return str(
+            self._build_clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball"))
+        )
 
     def contains(self, x: Any) -> bool:
         """Return whether a value is a sentence of the grammar."""
@@ -79,11 +84,13 @@ class InstructionSpace(Sentences):
 
     def admits(self, instruction: Instruction) -> bool:
         """Return whether an instruction belongs to the grammar."""
-        spoken = clauses(instruction)
-        things = [thing for clause in spoken for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))]
+        clause_list = clauses(instruction)
+        things = [
+            thing for clause in clause_list for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))
+        ]
         return (
-            len(spoken) <= self.clauses
-            and all(type(clause) in {VERBS[verb] for verb in self.verbs} for clause in spoken)
+            len(clause_list) <= self.clauses
+            and all(type(clause) in {VERBS[verb] for verb in self.verbs} for clause in clause_list)
             and (self.places or all(thing.place is None for thing in things))
         )
 
@@ -92,49 +99,55 @@ class InstructionSpace(Sentences):
         if mask is not None or probability is not None:
             raise WorldError("an instruction space takes no mask and no probability; remove them")
         count = int(self.np_random.integers(1, self.clauses + 1))
-        spoken = [self._draw_clause() for _ in range(count)]
-        instruction: Instruction = spoken[0]
-        if count == 2 and self._any(2):
-            instruction = And(*spoken)
+        clause_list = [self._draw_clause() for _ in range(count)]
+        instruction: Instruction = clause_list[0]
+        if count == 2 and self._draw_below(2):
+            instruction = And(*clause_list)
         elif count > 1:
-            split = {2: 1, 3: 1 + self._any(2), 4: 2}[count]
-            join = (Before, After)[self._any(2)]
-            instruction = join(self._part(spoken[:split]), self._part(spoken[split:]))
+            # the draw for three clauses is made for every count, as part of the random stream
+            split = {2: 1, 3: 1 + self._draw_below(2), 4: 2}[count]
+            join = (Before, After)[self._draw_below(2)]
+            instruction = join(self._join_clauses(clause_list[:split]), self._join_clauses(clause_list[split:]))
         return str(instruction)
 
     def _draw_clause(self) -> Clause:
-        verb = VERBS[self.verbs[self._any(len(self.verbs))]]
+        """Draw a verb and descriptions. Only a door is opened, and a door is never picked up or moved."""
+        verb = VERBS[self.verbs[self._draw_below(len(self.verbs))]]
         nouns: tuple[str, ...]
         if verb is Open:
             nouns = ("door",)
         elif verb is GoTo:
             nouns = NOUNS
         else:
-            nouns = NOUNS[1:]
-        return self._clause(verb, self._thing(nouns), self._thing(NOUNS))
+            nouns = NOUNS[1:]  # without "door"
+        return self._build_clause(verb, self._draw_description(nouns), self._draw_description(NOUNS))
 
-    def _clause(self, verb: type[Clause], thing: ObjectDescription, other: ObjectDescription | None = None) -> Clause:
+    def _build_clause(
+        self, verb: type[Clause], thing: ObjectDescription, other: ObjectDescription | None = None
+    ) -> Clause:
+        """Return a clause about a thing; ``other`` is used by PutNext alone, and is any box if it is None."""
         if verb is PutNext:
             return PutNext(thing, other or ObjectDescription("box"))
         return verb(thing)
 
     @staticmethod
-    def _part(spoken: list[Clause]) -> Part:
-        if len(spoken) == 1:
-            return spoken[0]
-        return And(*spoken)
+    def _join_clauses(one_or_two: list[Clause]) -> Part:
+        if len(one_or_two) == 1:
+            return one_or_two[0]
+        return And(*one_or_two)
 
-    def _thing(self, nouns: tuple[str, ...]) -> ObjectDescription:
-        colour = self._any(len(COLOURS) + 1)
-        place = self._any(len(PLACES) + 1) if self.places else 0
+    def _draw_description(self, nouns: tuple[str, ...]) -> ObjectDescription:
+        colour = self._draw_below(len(COLOURS) + 1)
+        place = self._draw_below(len(PLACES) + 1) if self.places else 0
         return ObjectDescription(
-            nouns[self._any(len(nouns))],
+            nouns[self._draw_below(len(nouns))],
             COLOURS[colour - 1] if colour else None,
             PLACES[place - 1] if place else None,
-            bool(self._any(2)),
+            bool(self._draw_below(2)),
         )
 
-    def _any(self, count: int) -> int:
+    def _draw_below(self, count: int) -> int:
+        """Draw a whole number from 0 to ``count`` - 1."""
         return int(self.np_random.integers(count))
 
     def __repr__(self) -> str:

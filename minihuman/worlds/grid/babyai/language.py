@@ -23,15 +23,15 @@ class ObjectDescription:
 
     kind: str | None = None
     colour: str | None = None
-    place: str | None = None  # seen from where the agent starts, in the room it starts in
-    many: bool | None = None  # whether more than one thing is meant ("a"), just one ("the"), or not known yet
+    place: str | None = None  # a side of the agent's first pose, within the agent's first room
+    many: bool | None = None  # whether several objects match ("a"), just one ("the"), or it is not known yet (None)
 
     def __post_init__(self) -> None:
         """Check that the kind, the colour and the place exist."""
-        for name, known in (("kind", NOUNS), ("colour", COLOURS), ("place", PLACES)):
+        for name, words in (("kind", NOUNS), ("colour", COLOURS), ("place", PLACES)):
             value = getattr(self, name)
-            if value is not None and isinstance(value, str) and value not in known:
-                raise WorldError(f"unknown {name} {value!r}; use one of {', '.join(known)}")
+            if isinstance(value, str) and value not in words:  # in a level's function it may be a random variable
+                raise WorldError(f"unknown {name} {value!r}; use one of {', '.join(words)}")
 
     def __str__(self) -> str:
         words = ["a" if self.many else "the", self.colour, self.kind or "object"]
@@ -177,7 +177,7 @@ def as_tree(instruction: Any) -> dict[str, Any]:
 
 
 def parse(sentence: str) -> Instruction:
-    """Return the instruction of a sentence. Articles may be left out.
+    """Return the instruction that a sentence states. The articles "a" and "the" may be omitted.
 
     Raises:
         WorldError: if the sentence does not belong to the language.
@@ -186,30 +186,31 @@ def parse(sentence: str) -> Instruction:
     for words, make in ((", then ", Before), (" after you ", After)):
         if words in text:
             left, _, right = text.partition(words)
-            return make(_part(left, sentence), _part(right, sentence))
-    return _part(text, sentence)
+            return make(_parse_part(left, sentence), _parse_part(right, sentence))
+    return _parse_part(text, sentence)
 
 
-def _part(text: str, sentence: str) -> Part:
+def _parse_part(text: str, sentence: str) -> Part:
     if " and " in text:
         left, _, right = text.partition(" and ")
-        return And(_clause(left, sentence), _clause(right, sentence))
-    return _clause(text, sentence)
+        return And(_parse_clause(left, sentence), _parse_clause(right, sentence))
+    return _parse_clause(text, sentence)
 
 
-def _clause(text: str, sentence: str) -> Clause:
+def _parse_clause(text: str, sentence: str) -> Clause:
     if text.startswith("put ") and " next to " in text:
         thing, _, other = text.removeprefix("put ").partition(" next to ")
-        return PutNext(_thing(thing, sentence), _thing(other, sentence))
+        return PutNext(_parse_description(thing, sentence), _parse_description(other, sentence))
     for make in (GoTo, Open, Pickup):
         if text.startswith(make.words + " "):
-            return make(_thing(text.removeprefix(make.words + " "), sentence))
+            return make(_parse_description(text.removeprefix(make.words + " "), sentence))
     raise WorldError(
         f"mission {sentence!r}: {text!r} does not begin with a verb; use go to, open, pick up or put ... next to"
     )
 
 
-def _thing(text: str, sentence: str) -> ObjectDescription:
+def _parse_description(text: str, sentence: str) -> ObjectDescription:
+    """Return the description of an object; ``sentence`` is the whole sentence, for the error."""
     phrase = text
     place = None
     many = None

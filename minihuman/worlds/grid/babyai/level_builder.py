@@ -40,7 +40,7 @@ from minihuman.worlds.rng import RngState
 WALLS = {"right": RIGHT, "down": DOWN, "left": LEFT, "up": UP}
 ACTIONS = {"goto": encoding.GO_TO, "open": encoding.OPEN, "pickup": encoding.PICK_UP, "putnext": encoding.PUT_NEXT}
 SENTENCES = {"action": ONE, "and": BOTH, "seq": SEQUENCE}
-_WORDS = {number: words for words, verb in VERBS.items() for number in (encoding.VERBS[verb],)}
+_WORDS = {encoding.VERBS[verb]: words for words, verb in VERBS.items()}
 
 
 class LevelBuilder:
@@ -54,7 +54,7 @@ class LevelBuilder:
         self.columns = columns
         self.lines = lines
         self.size = size
-        self._lines: list[list[int]] = []
+        self._operations: list[list[int]] = []
         self._registers = 0
         self._verbs: set[str] = set()
         self._places = False
@@ -68,11 +68,11 @@ class LevelBuilder:
                 raise WorldError(
                     f"this level needs a room in {name} {value}, but has {count}, counted from 0; give it more rooms"
                 )
-        return self._do(level_program.ROOM_AT, column, line)
+        return self._record(level_program.ROOM_AT, column, line)
 
     def integer(self, low: int, high: int) -> RandomVariable:
         """Draw a whole number in [low, high)."""
-        return self._do(level_program.INTEGER, low, high)
+        return self._record(level_program.INTEGER, low, high)
 
     def any_room(self) -> RandomVariable:
         """Draw a room: its column, then its line."""
@@ -81,12 +81,12 @@ class LevelBuilder:
 
     def choice(self, options: Any) -> Any:
         """Draw an object from a group, or one of up to seven words of one type (colours, places or kinds)."""
-        if isinstance(options, list):  # of things made one after the other
+        if isinstance(options, list):  # of objects that were made one after the other
             options = ObjectGroup(options[0], options[-1])
         if isinstance(options, ObjectGroup):
-            return self._make(level_program.ONE_FROM, options.first, options.last)
+            return self._record_object(level_program.ONE_FROM, options.first, options.last)
         numbers = [_number(option) for option in options]
-        return self._do(level_program.OUT_OF, len(numbers), *numbers)
+        return self._record(level_program.OUT_OF, len(numbers), *numbers)
 
     def two_of(self, options: "ObjectGroup | Sequence[ObjectRef]") -> tuple[ObjectRef, ObjectRef]:
         """Draw two different objects from a group."""
@@ -94,39 +94,41 @@ class LevelBuilder:
             group = options
         else:
             group = ObjectGroup(options[0], options[-1])
-        register = self._do(level_program.TWO_FROM, group.first, group.last, registers=2).argument - IN_REGISTER
+        register = self._record(level_program.TWO_FROM, group.first, group.last, registers=2).argument - IN_REGISTER
         return ObjectRef(register), ObjectRef(register + 1)
 
     def colours(self, count: int) -> tuple[RandomVariable, ...]:
         """Draw ``count`` different colours."""
-        first = self._do(level_program.TWO_COLOURS, count, registers=count).argument
+        first = self._record(level_program.TWO_COLOURS, count, registers=count).argument
         return tuple(RandomVariable(first + k) for k in range(count))
 
     def place_agent(self, room: RandomVariable | None = None, *, not_in: RandomVariable | None = None) -> None:
         """Place the agent in a room, looking in a random direction at an empty cell or a wall."""
-        self._do(level_program.AGENT_IN, _or_drawn(room), _or_drawn(not_in), registers=0)
+        self._record(level_program.AGENT_IN, _number_or_drawn(room), _number_or_drawn(not_in), registers=0)
 
     def connect_all(self, *, without: Any = None) -> None:
         """Add closed doors until all rooms are connected.
 
         If a colour ``without`` is given, none of the doors has it in half of the episodes.
         """
-        self._do(level_program.JOIN_ROOMS, _or_drawn(without), int(without is not None), registers=0)
+        self._record(level_program.JOIN_ROOMS, _number_or_drawn(without), int(without is not None), registers=0)
 
     def door(
         self, room: RandomVariable, wall: str | None = None, *, colour: Any = None, locked: bool | None = None
     ) -> ObjectRef:
         """Put a door into a wall (right, down, left, up) of a room; return a reference to it."""
         at = -1 if wall is None else WALLS[wall]
-        return self._make(level_program.DOOR_IN, room, at, _or_drawn(colour), -1 if locked is None else int(locked))
+        return self._record_object(
+            level_program.DOOR_IN, room, at, _number_or_drawn(colour), -1 if locked is None else int(locked)
+        )
 
     def remove_wall(self, room: RandomVariable, wall: str) -> None:
         """Remove the wall between a room and its neighbour."""
-        self._do(level_program.REMOVE_WALL, room, WALLS[wall], registers=0)
+        self._record(level_program.REMOVE_WALL, room, WALLS[wall], registers=0)
 
     def thing(self, room: RandomVariable, kind: str | None = None, colour: Any = None) -> ObjectRef:
         """Put a key, ball or box into a room; return a reference to it."""
-        return self._make(level_program.OBJECT_IN, room, _or_drawn(kind), _or_drawn(colour))
+        return self._record_object(level_program.OBJECT_IN, room, _number_or_drawn(kind), _number_or_drawn(colour))
 
     def rooms(self) -> Iterator[RandomVariable]:
         """Yield all rooms, column by column."""
@@ -152,61 +154,66 @@ class LevelBuilder:
                 f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
                 "fewer"
             )
-        variable = self._do(
-            level_program.OBJECTS_IN, _or_drawn(room), count, int(different), _or_drawn(but_not_in), registers=2
+        variable = self._record(
+            level_program.OBJECTS_IN,
+            _number_or_drawn(room),
+            count,
+            int(different),
+            _number_or_drawn(but_not_in),
+            registers=2,
         )
         register = variable.argument - IN_REGISTER
         return ObjectGroup(ObjectRef(register), ObjectRef(register + 1))
 
     def any_door(self) -> ObjectRef:
         """Draw one of the doors; return a reference to it."""
-        return self._make(level_program.ANY_DOOR)
+        return self._record_object(level_program.ANY_DOOR)
 
     def recolour(self, group: ObjectGroup, colour: str) -> None:
         """Give all objects of a group another colour."""
-        self._do(level_program.RECOLOUR, group.first, group.last, _number(colour), registers=0)
+        self._record(level_program.RECOLOUR, group.first, group.last, _number(colour), registers=0)
 
     def open_all_doors(self) -> None:
         """Open every door."""
-        self._do(level_program.OPEN_DOORS, registers=0)
+        self._record(level_program.OPEN_DOORS, registers=0)
 
     def require_reachable(self, reachable: bool = True) -> None:
         """Reject the layout unless every object can be reached without moving any.
 
         If ``reachable`` is False, reject it unless some object cannot be reached.
         """
-        self._do(level_program.IN_REACH, int(not reachable), registers=0)
+        self._record(level_program.IN_REACH, int(not reachable), registers=0)
 
     def require_no(self, group: ObjectGroup, kind: str, colour: str) -> None:
         """Reject the layout if an object of the group has the given kind and colour."""
-        self._do(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
+        self._record(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
 
     def require_other(self, thing: RandomVariable, other: RandomVariable) -> None:
         """Reject the layout if the two variables are equal."""
-        self._do(level_program.GIVE_UP_UNLESS, thing, other, registers=0)
+        self._record(level_program.GIVE_UP_UNLESS, thing, other, registers=0)
 
     def maybe_locked_room(self, chance: float) -> RandomVariable:
         """With a given probability, lock a random room and put its key into another; return the room, or -1."""
         if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
             raise WorldError(f"locked_room_prob is {chance!r}; use a probability from 0 to 1")
-        return self._do(level_program.LOCK_ROOM, ceil(chance * 2**53))
+        return self._record(level_program.LOCK_ROOM, ceil(chance * 2**53))  # draws are multiples of 2**-53
 
     def block(self, door: ObjectRef) -> ObjectRef:
         """Put a ball of a random colour in front of a door, to its left."""
-        return self._make(level_program.BLOCK_DOOR, door)
+        return self._record_object(level_program.BLOCK_DOOR, door)
 
     def boxed_key(self, room: RandomVariable, colour: Any) -> ObjectRef:
         """Put a box that contains a key into a room; return a reference to the box."""
-        return self._make(level_program.BOXED_KEY, room, colour)
+        return self._record_object(level_program.BOXED_KEY, room, colour)
 
     def maybe_swap(self, thing: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
         """Swap two objects with probability 1/2."""
-        self._do(level_program.SWAP, thing, other, registers=0)
+        self._record(level_program.SWAP, thing, other, registers=0)
         return thing, other
 
     def give(self, thing: ObjectRef) -> None:
         """Let the agent carry an object from the start."""
-        self._do(level_program.HAND, thing, registers=0)
+        self._record(level_program.HAND, thing, registers=0)
 
     def one_of(self, *alternatives: Any) -> AnyOf:
         """Draw one of several instructions.
@@ -225,11 +232,11 @@ class LevelBuilder:
         locked_room: RandomVariable,
     ) -> None:
         """Draw a whole instruction about the objects in the rooms."""
-        for name, words, known in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
-            if isinstance(words, str) or not 1 <= len(words) <= 4 or any(word not in known for word in words):
-                raise WorldError(f"{name} is {words!r}; give one to four of {', '.join(known)}")
-        lists = (_pack([ACTIONS[word] for word in actions]), _pack([SENTENCES[word] for word in kinds]))
-        self._do(level_program.INVENT, *lists, int(places), int(implicit_unlock), locked_room, registers=0)
+        for name, words, allowed in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
+            if isinstance(words, str) or not 1 <= len(words) <= 4 or any(word not in allowed for word in words):
+                raise WorldError(f"{name} is {words!r}; give one to four of {', '.join(allowed)}")
+        packed_lists = (_pack([ACTIONS[word] for word in actions]), _pack([SENTENCES[word] for word in kinds]))
+        self._record(level_program.INVENT, *packed_lists, int(places), int(implicit_unlock), locked_room, registers=0)
         self._verbs |= {_WORDS[ACTIONS[word]] for word in actions}
         self._places |= places
         self._clauses = max(self._clauses, *({"action": 1, "and": 2, "seq": 4}[word] for word in kinds))
@@ -238,14 +245,15 @@ class LevelBuilder:
         """Add to the program the instruction that the level's function returned."""
         if isinstance(instruction, AnyOf):
             for k, alternative in enumerate(instruction.alternatives):
-                skip = len(self._lines)
-                self._do(level_program.SKIP_UNLESS, instruction.selected, k, 0, registers=0)
+                skip = len(self._operations)
+                self._record(level_program.SKIP_UNLESS, instruction.selected, k, 0, registers=0)
                 self.finish(alternative() if callable(alternative) else alternative)
-                self._lines[skip][4] = len(self._lines) - skip - 1
+                self._operations[skip][4] = len(self._operations) - skip - 1  # how many operations to skip
         elif instruction is not None:
-            self._say(instruction)
+            self._record_instruction(instruction)
 
-    def _say(self, instruction: Instruction) -> None:
+    def _record_instruction(self, instruction: Instruction) -> None:
+        """Record the operations that write an instruction, and what the mission space must admit for it."""
         spoken = clauses(instruction)
         self._clauses = max(self._clauses, len(spoken))
         for k, clause in enumerate(spoken):
@@ -254,19 +262,19 @@ class LevelBuilder:
             else:
                 verb = encoding.VERBS[type(clause)]
             self._verbs |= {"open", "pick up"} if verb == USE else {_WORDS[verb]}
-            self._do(
+            self._record(
                 level_program.SAY,
                 k,
                 verb,
-                *self._described(clause.thing),
+                *self._encode_description(clause.thing),
                 int(getattr(clause, "strict", False)),
                 registers=0,
             )
             if isinstance(clause, PutNext):
-                self._do(level_program.SAY_OTHER, k, *self._described(clause.other), registers=0)
+                self._record(level_program.SAY_OTHER, k, *self._encode_description(clause.other), registers=0)
         counts = [len(clauses(part)) for part in parts(instruction)]
         strict = isinstance(instruction, Before | After) and instruction.strict
-        self._do(
+        self._record(
             level_program.ARRANGE,
             encoding.JOINS.get(type(instruction), encoding.ALONE),
             counts[0],
@@ -275,7 +283,8 @@ class LevelBuilder:
             registers=0,
         )
 
-    def _described(self, thing: ObjectDescription) -> tuple[int, int, int]:
+    def _encode_description(self, thing: ObjectDescription) -> tuple[int, int, int]:
+        """Return a description's kind, colour and place as arguments; record whether it has a place."""
         self._places |= thing.place is not None
         return (
             encoding.ANY if thing.kind is None else _number(thing.kind),
@@ -290,26 +299,33 @@ class LevelBuilder:
         return InstructionSpace(*self._verbs, places=self._places, clauses=self._clauses)
 
     def program(self, steps_a_walk: int, *, flags: int) -> Program:
-        """Return the traced program."""
-        head = [self.columns, self.lines, self.size, steps_a_walk, int(self.keys_matter), flags]
-        table = np.zeros((1 + len(self._lines), WIDE), np.int64)
-        table[0, : len(head)] = head
-        for line, numbers in zip(table[1:], self._lines, strict=True):
+        """Return the traced program.
+
+        Args:
+            steps_a_walk: the number of steps that the limit allows per walk of the mission; 0 for a fixed limit.
+            flags: the flags of every instruction of the level, OWN_STEPS and SAY_DONE.
+        """
+        settings = [self.columns, self.lines, self.size, steps_a_walk, int(self.keys_matter), flags]
+        table = np.zeros((1 + len(self._operations), WIDE), np.int64)
+        table[0, : len(settings)] = settings
+        for line, numbers in zip(table[1:], self._operations, strict=True):
             line[: len(numbers)] = numbers
         return table
 
-    def _make(self, operation: int, *arguments: Any) -> ObjectRef:
-        return ObjectRef(self._do(operation, *arguments).argument - IN_REGISTER)
+    def _record_object(self, operation: int, *arguments: Any) -> ObjectRef:
+        """Record an operation whose result is an object's identity; return the reference to this object."""
+        return ObjectRef(self._record(operation, *arguments).argument - IN_REGISTER)
 
-    def _do(self, operation: int, *arguments: Any, registers: int = 1) -> RandomVariable:
+    def _record(self, operation: int, *arguments: Any, registers: int = 1) -> RandomVariable:
+        """Record an operation with a number of registers for its results; return the variable in the first of them."""
         out = self._registers
         self._registers += registers
         if operation == level_program.ROOM_AT and all(isinstance(argument, int) for argument in arguments):
-            self._registers -= 1  # a room that is known needs no register
+            self._registers -= 1  # a room with a fixed number needs no register
             return RandomVariable(arguments[1] * self.columns + arguments[0])
         if self._registers > REGISTERS:
             raise WorldError(f"a level draws more than {REGISTERS} values; draw fewer")
-        self._lines.append([operation, out, *(_number(argument) for argument in arguments)])
+        self._operations.append([operation, out, *(_number(argument) for argument in arguments)])
         return RandomVariable(IN_REGISTER + out)
 
 
@@ -329,16 +345,17 @@ def _number(value: Any) -> int:
     return int(value)
 
 
-def _or_drawn(value: Any) -> int:
+def _number_or_drawn(value: Any) -> int:
+    """Return an argument as a number, or -1 for None: it is drawn in each episode."""
     return -1 if value is None else _number(value)
 
 
 def _pack(numbers: Sequence[int]) -> int:
-    """Pack a short list of numbers into one number, as `invent` expects it."""
+    """Pack a list of at most four numbers below 16: its length in the lowest four bits, then four bits per number."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
 
 
-MAX_LEVEL_CELLS = 4095  # what a planner's node can number
+MAX_LEVEL_CELLS = 4095  # the number of cells that a planner's node can address
 NO_MISSION: Given = np.zeros(0, np.int64)
 
 Trace = Callable[..., Instruction | AnyOf | None]
@@ -358,7 +375,7 @@ class LevelRecipe(Recipe):
     def limited(self, max_steps: int) -> "LevelRecipe":
         """Return the recipe of the same level with another step limit for every episode."""
         program = self.program.copy()
-        program[0, 3] = 0
+        program[0, level_program.STEPS_A_WALK] = 0
         return replace(self, max_steps=max_steps, program=program)
 
     def about(self, mission: str) -> "LevelRecipe":
@@ -382,8 +399,8 @@ class Level:
 
     trace: Trace
     sizes: Mapping[str, int]  # room_size, num_cols, num_rows
-    fixed: tuple[str, ...]  # which of them no option changes
-    steps_by_area: int  # a step limit of so many times the room's area; 0: by the rooms and the mission
+    fixed: tuple[str, ...]  # those of the sizes that no option may change
+    steps_by_area: int  # the step limit, times a room's area; 0 if it depends on the rooms and the mission
 
     @property
     def __name__(self) -> str:
@@ -392,12 +409,12 @@ class Level:
 
     def _check_options(self, options: Mapping[str, Any]) -> None:
         """Check that the level's function takes all options, and that no required option is missing."""
-        known = inspect.signature(self.trace).parameters
+        parameters = inspect.signature(self.trace).parameters  # the first one is the builder
         for name in options:
-            if name not in known:
-                free = [*(name for name in self.sizes if name not in self.fixed), *list(known)[1:]]
+            if name not in parameters:
+                free = [*(size for size in self.sizes if size not in self.fixed), *list(parameters)[1:]]
                 raise WorldError(f"{self.__name__} has no option {name!r}; its options are {', '.join(free) or 'none'}")
-        for name, parameter in list(known.items())[1:]:
+        for name, parameter in list(parameters.items())[1:]:
             if parameter.default is parameter.empty and name not in options:
                 raise WorldError(f"{self.__name__} needs the option {name}; pass it")
 
@@ -442,18 +459,18 @@ class Level:
             )
         builder = LevelBuilder(columns, lines, size)
         builder.finish(self.trace(builder, **options))
-        steps = self.steps_by_area * size * size
-        walk = size * size * columns * lines
+        fixed_limit = self.steps_by_area * size * size
+        steps_a_walk = size * size * columns * lines
         flags = own_steps * encoding.OWN_STEPS | done_required * encoding.SAY_DONE
         recipe = LevelRecipe(
             layout=furnish,
             numbers=(),
             width=width,
             height=height,
-            max_steps=steps or walk,
+            max_steps=fixed_limit or steps_a_walk,
             mission=builder.space(any_mission=any_mission or mission is not None),
             room_size=size,
-            program=builder.program(0 if steps else walk, flags=flags),
+            program=builder.program(0 if fixed_limit else steps_a_walk, flags=flags),
             fixed_mission=NO_MISSION,
         )
         if mission is None:

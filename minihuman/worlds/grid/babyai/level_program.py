@@ -58,12 +58,12 @@ from minihuman.worlds.kernels import device_function, inline, kernel
 from minihuman.worlds.rng import RngState, integer
 
 Program = NDArray[np.int64]  # (1 + operations, WIDE)
-Given = NDArray[np.int64]  # an instruction set by hand: the block's numbers, or none
+Given = NDArray[np.int64]  # the block of a given instruction, or an empty array if it is drawn
 
-WIDE = 10
+WIDE = 10  # numbers per line of a program
 REGISTERS = 64
 MOST_ROUNDS = 10_000
-# beside a register's place
+# added to a register's index in an argument
 IN_REGISTER = 1 << 56
 KIND_IN = 1 << 57
 COLOUR_IN = 1 << 58
@@ -79,11 +79,11 @@ USE = 5  # a verb: open a door, pick up everything else
     OBJECT_IN,  # an object in room a, of kind b, colour c
     OBJECTS_IN,  # in room a (or drawn ones) b objects, unlike all others c, if a is not d: first and last identity
     AGENT_IN,  # the agent in room a (or a drawn one), not in room b
-    JOIN_ROOMS,  # without doors in the colour a; with b only by one chance in two
+    JOIN_ROOMS,  # without doors in the colour a; if b, only with probability 1/2
     REMOVE_WALL,  # of room a, wall b
     IN_REACH,  # all objects can be reached; with a they must not be
     ONE_FROM,  # draw an identity from a to b
-    TWO_FROM,  # draw two identities from a to b
+    TWO_FROM,  # draw two different identities from a to b
     ANY_DOOR,  # draw one of the doors
     RECOLOUR,  # the objects a to b to colour c
     OPEN_DOORS,
@@ -91,21 +91,21 @@ USE = 5  # a verb: open a door, pick up everything else
     LOCK_ROOM,  # with probability a / 2**53 a locked room: its number, or -1
     BLOCK_DOOR,  # a ball before the door a
     BOXED_KEY,  # in room a a box with a key of colour b
-    SWAP,  # by one chance in two the registers a and b
+    SWAP,  # with probability 1/2, the registers a and b
     TWO_COLOURS,  # draw different colours, a of them, into registers from the first
     SKIP_UNLESS,  # the next c operations, unless a is b
-    SAY,  # clause a: verb b, kind c, colour d, place e, and OTHER_SAY's for the second description
+    SAY,  # clause a: verb b, kind c, colour d, place e, and SAY_OTHER for the second description
     SAY_OTHER,  # clause a: kind b, colour c, place d
     ARRANGE,  # join a, clauses in the parts b and c, all flags d
     INVENT,  # any instruction: actions a, kinds b, places c, implicit unlocking d, locked room e
     HAND,  # the object a is in the agent's hand
-    GIVE_UP_UNLESS,  # a is not b
+    GIVE_UP_UNLESS,  # reject the layout unless a is not b
 ) = range(28)
 
 
 @inline
 def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
-    """Return the value of an argument."""
+    """Return the value of an operation's argument; the module's docstring has its forms."""
     if argument < IN_REGISTER:
         return argument
     if argument >= COLOUR_IN:
@@ -118,7 +118,7 @@ def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
 @device_function()
 def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, count: int) -> None:
     """Draw different colours into registers, each from the remaining ones in the order of their names."""
-    left = np.array((2, 1, 5, 3, 0, 4))
+    left = np.array((2, 1, 5, 3, 0, 4))  # colours, sorted by name
     for k in range(count):
         pick = integer(rng_state, 0, 6 - k)
         registers[out + k] = left[pick]
@@ -128,7 +128,7 @@ def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, co
 
 @device_function()
 def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None:
-    """Write a clause with its first description into the instruction's block."""
+    """Run the operation SAY of a line: write a clause with its first description into the instruction's block."""
     clause = block_of(row) + CLAUSES + line[2] * CLAUSE
     verb = line[3]
     kind = value(row, registers, line[4])
@@ -283,7 +283,7 @@ def furnish(row: Row, rng_state: RngState, program: Program, fixed_mission: Give
         if carry_out(row, rng_state, plan, program) and settle(row, fixed_mission, program[0, KEYS_MATTER] != 0):
             row[block + ROUNDS] = attempt
             break
-        if row[FAILED] > 1 or attempt == MOST_ROUNDS:
+        if row[FAILED] > 1 or attempt == MOST_ROUNDS:  # HOPELESS: no further draw can succeed
             row[FAILED] = 1
             return
     row[TASK] = INSTRUCTED

@@ -105,7 +105,7 @@ def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
 def new_door(
     row: Row, rng_state: RngState, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: int
 ) -> int:
-    """Put a door into a wall of a room; return its identity."""
+    """Put a door into a wall of a room; return its identity, or 0 if that wall, or every wall, can have none."""
     if wall == DRAWN:
         possible = False
         for k in range(4):
@@ -129,7 +129,7 @@ def new_door(
 
 @device_function()
 def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, kind: int, colour: int) -> int:
-    """Put a key, ball or box into a random cell of a room, not next to the agent; return its identity."""
+    """Put a key, ball or box into a random cell of a room, not next to the agent; return the object's identity."""
     if kind == DRAWN:
         kind = draw_kind(rng_state, 3)
     if colour == DRAWN:
@@ -217,7 +217,7 @@ def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) 
 def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, without: int) -> None:
     """Add closed doors at random walls until all rooms are connected to the agent's.
 
-    None of the doors has the colour ``without``.
+    None of the doors has the colour ``without``, unless that is DRAWN.
     """
     lines = len(plan) // columns
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
@@ -249,7 +249,7 @@ def all_in_reach(row: Row) -> bool:
     """Return whether the agent could reach every object if all doors were open, without moving any object."""
     height = row[HEIGHT]
     reached = np.zeros(row[WIDTH] * height, np.uint8)
-    stack = np.empty(len(reached) + 1, np.int64)  # what is written behind its end does not count
+    stack = np.empty(len(reached) + 1, np.int64)  # what is written at its end counts only if ``waiting`` grows
     cell = row[X] * height + row[Y]
     waiting = 1
     reached[cell] = 1
@@ -257,7 +257,7 @@ def all_in_reach(row: Row) -> bool:
     while waiting > 0:
         waiting -= 1
         cell = stack[waiting]
-        for other in (cell - height, cell - 1, cell + 1, cell + height):  # in the grid, as walls are around it
+        for other in (cell - height, cell - 1, cell + 1, cell + height):  # all inside the grid, as walls surround it
             kind = kind_of(row[HEADER + other])
             stack[waiting] = other
             waiting += ((kind == EMPTY) | (kind == DOOR)) & (reached[other] == 0)
@@ -271,7 +271,7 @@ def all_in_reach(row: Row) -> bool:
 
 @device_function()
 def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
-    """Draw a door from a list that has each door twice, once for each of its rooms; return its identity."""
+    """Draw a door from a list that has each door twice, once per room; return its identity, or 0 if there is none."""
     lines = len(plan) // columns
     pick = -1
     count = 0
@@ -315,7 +315,7 @@ def recolour(row: Row, first: int, last: int, colour: int) -> None:
 
 @device_function()
 def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> int:
-    """Put a locked door into a wall of a random room, and its key into another room; return the locked room."""
+    """Put a locked door into a wall of a random room, and its key into another; return the locked room, or -1."""
     lines = len(plan) // columns
     if len(plan) == 1:
         row[FAILED] = HOPELESS
@@ -384,7 +384,7 @@ def describe(
     columns: int,
     size: int,
 ) -> None:
-    """Draw a description of an object of one of the first ``kinds`` kinds, or of a door if that is 0."""
+    """Draw a description of an object of the first ``kinds`` kinds, or a door if 0; write it to the row at ``at``."""
     for _ in range(DESCRIBE_TRIES):
         colour_number = integer(rng_state, 0, 7)
         if colour_number == 0:

@@ -10,14 +10,22 @@ from minihuman.worlds.grid.babyai.level_program import COLOUR_IN, KIND_IN
 
 @dataclass(frozen=True, slots=True)
 class RandomVariable:
-    """A number that is drawn anew in every episode. It can be an argument of later calls."""
+    """A number that is drawn anew in every episode. It can be an argument of later calls.
+
+    Attributes:
+        argument: the number that stands for it among the arguments of an operation in the program.
+    """
 
     argument: int
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectRef:
-    """An object that is made in every episode. Its kind and colour are known only then."""
+    """An object that is made in every episode. Its kind and colour are known only then.
+
+    Attributes:
+        register: the index of the register of the program that holds the object's identity.
+    """
 
     register: int
 
@@ -33,7 +41,7 @@ class ObjectRef:
 
     @property
     def thing(self) -> ObjectDescription:
-        """Return the description of the object by kind and colour."""
+        """Return the description of the object by its kind and colour."""
         return ObjectDescription(self.kind, self.colour)
 
 

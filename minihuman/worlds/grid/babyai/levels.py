@@ -24,7 +24,7 @@ from minihuman.worlds.grid.babyai.level_builder import Level, LevelBuilder, leve
 from minihuman.worlds.grid.babyai.level_values import AnyOf, Use
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
 
-ONE_ROOM = ("num_rows", "num_cols")
+ONE_ROOM = ("num_rows", "num_cols")  # sizes that are fixed in a level of one room
 MOST_THINGS = 1000
 
 
@@ -137,7 +137,7 @@ def go_to_obj_door(builder: LevelBuilder) -> Instruction:
     return GoTo(builder.choice(things).thing)
 
 
-ALL = ("room_size", "num_rows", "num_cols")
+ALL = ("room_size", "num_rows", "num_cols")  # all sizes are fixed
 
 
 @level()
@@ -195,13 +195,9 @@ def open_two_doors(
 
     With ``strict``, opening the wrong door first is a failure.
     """
-    drawn_colours = builder.colours(2)
-    first, second = (
-        drawn_colour if check_one_of(name, chosen, (*COLOURS, None)) is None else chosen
-        for name, chosen, drawn_colour in zip(
-            ("first_color", "second_color"), (first_color, second_color), drawn_colours, strict=True
-        )
-    )
+    first_drawn, second_drawn = builder.colours(2)
+    first = first_drawn if check_one_of("first_color", first_color, (*COLOURS, None)) is None else first_color
+    second = second_drawn if check_one_of("second_color", second_color, (*COLOURS, None)) is None else second_color
     middle = builder.room(1, 1)
     left = builder.door(middle, "left", colour=first, locked=False)
     right = builder.door(middle, "right", colour=second, locked=False)

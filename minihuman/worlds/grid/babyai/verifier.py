@@ -149,7 +149,7 @@ def part_is_done(row: Row, first: int, clauses: int) -> bool:
 
 @device_function()
 def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
-    """Judge a step by one clause, or by two in any order; a failure of only one of the two is ignored."""
+    """Judge a step by one clause, or by two in any order, and return the status; failing one of two is ignored."""
     if clauses == 1:
         return judge_clause(row, first, action)
     broken = 0
@@ -165,7 +165,7 @@ def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
 
 @device_function()
 def judge_clause(row: Row, k: int, action: int) -> int:
-    """Judge a step by one clause, and record the outcome."""
+    """Judge a step by one clause; record and return the status: WAITING, SATISFIED or BROKEN."""
     clause = block_of(row) + CLAUSES + k * CLAUSE
     if row[block_of(row) + FLAGS] & SAY_DONE:
         if action == _DONE:
@@ -186,7 +186,7 @@ def judge_clause(row: Row, k: int, action: int) -> int:
 
 @device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
-    """Return whether a step completes a clause: WAITING, SATISFIED or BROKEN."""
+    """Return the status that a step gives to a clause: WAITING, SATISFIED or BROKEN; record what the agent carries."""
     verb = row[clause + VERB]
     strict = row[clause + STRICT]
     meant = 1 << 2 * k  # bit of the first description
@@ -238,7 +238,7 @@ def is_beside(row: Row, cell: int, meant: int) -> bool:
     )
 
 
-_NO_CHANCE = np.zeros(6, np.uint64)
+_NO_CHANCE = np.zeros(6, np.uint64)  # in place of the random stream
 
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
@@ -276,6 +276,9 @@ def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> 
 
 
 def try_action(row: Row, action: int) -> tuple[int, float]:
-    """Take an action in a copy of a state in which obstacles do not move; return the status and the reward."""
+    """Take an action in a planner's copy of a state, which changes; return the status and the reward.
+
+    The state must have no moving obstacles, as there is no random stream for them.
+    """
     status, reward = (act_instructed if row[TASK] == INSTRUCTED else act)(row, action, _NO_CHANCE)
     return status, reward

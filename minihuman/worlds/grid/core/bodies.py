@@ -89,7 +89,7 @@ def team_row_length(width: int, height: int, bodies: int) -> int:
 
 @inline
 def body_index(row: Row, body: int) -> int:
-    """Return the index in the row of a body's column; its line, direction and carried object follow."""
+    """Return the index of a body's column in the row of state; its grid row, direction and carried object follow."""
     if body == 0:
         return X
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
@@ -111,7 +111,7 @@ def exchange(row: Row, body: int) -> None:
 
 @device_function("int64(int32[::1], int64, int64, int64)")
 def body_at(row: Row, bodies: int, x: int, y: int) -> int:
-    """Return the body that stands in a cell, or -1 if there is none."""
+    """Return the number of the body that stands in a cell, or -1 if there is none; ``bodies`` is their count."""
     for body in range(bodies):
         at = body_index(row, body)
         if row[at] == x and row[at + 1] == y:
@@ -152,9 +152,9 @@ def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
 
 @device_function()
 def hold_blocked(row: Row, bodies: int, moving: int) -> int:
-    """Return the bits of ``moving`` without the bodies that are blocked by another.
+    """Return the bits of ``moving``, one per body, without the bodies that are blocked by another.
 
-    A body is blocked if the other does not leave the cell ahead, or would change places with it.
+    A body is blocked if the body in the cell ahead does not leave it, or would change places with it.
     """
     changed = True
     while changed:
@@ -173,7 +173,10 @@ def hold_blocked(row: Row, bodies: int, moving: int) -> int:
 
 @device_function()
 def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
-    """Move the bodies that go forward and can; return a bit for each body that moved."""
+    """Move the bodies that go forward and can; return a number in which bit ``body`` says whether that body moved.
+
+    If several bodies want the same cell, the first in the order that begins with body ``first`` gets it.
+    """
     bodies = len(actions)
     moving = 0
     for k in range(bodies):
@@ -197,7 +200,7 @@ def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
 
 @device_function("int64(int32[::1], int64, int64)")
 def heading(row: Row, body: int, action: int) -> int:
-    """Return the direction in which a body that holds the load wants to move it, or -1."""
+    """Return the direction in which a body that holds the load wants to move it; -1 if its action moves nothing."""
     if action > FORWARD:
         return -1
     turn = 0
@@ -256,7 +259,7 @@ def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
 
 @device_function()
 def use_hands(row: Row, body: int, action: int) -> None:
-    """Apply a body's hand action to the cell in front of it. On the load, hands only close and open."""
+    """Apply a body's hand action to the cell in front of it. The load is only grasped or let go, and stays there."""
     at = body_index(row, body)
     x, y = cell_before(row, body)
     if row[TASK] == CARRY and identity_of(cell_at(row, x, y)) == row[TARGET]:
@@ -282,7 +285,10 @@ def turn_bodies(row: Row, actions: NDArray[np.int64]) -> None:
 
 @kernel("(int32[::1], int64[::1], float64[::1])", hold_gil=True)
 def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
-    """Make one joint step without observations, writing each body's reward; return the status as `rules.step` does."""
+    """Make one joint step without observations, and write each body's reward into ``rewards``.
+
+    Return the status as `rules.step` does.
+    """
     bodies = len(actions)
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
@@ -339,9 +345,9 @@ def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
 
 @kernel("(int32[::1], int64[::1], uint8[:, :, :, ::1], float64[::1])", hold_gil=True)
 def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], rewards: NDArray[np.float64]) -> int:
-    """Make one joint step and observe its result; return the status.
+    """Make one joint step and observe its result; return the status as `rules.step` does.
 
-    ``images`` receives the views of the bodies, uint8[bodies, size, size, 3].
+    ``images`` receives the views of the bodies, uint8[bodies, size, size, 3], and ``rewards`` one reward per body.
     """
     status = act_team(row, actions, rewards)
     if status >= 0:

@@ -62,7 +62,7 @@ def state_of(code: int) -> int:
 
 @inline
 def identity_of(code: int) -> int:
-    """Return the identity in a code: the object's number in its world, from 1 in the order of making; 0 for scenery."""
+    """Return the identity in a code: objects are numbered from 1 in the order in which they are made; scenery has 0."""
     return code >> 9
 
 
@@ -98,7 +98,7 @@ def can_be_carried(code: int) -> bool:
     return kind == KEY or kind == BALL or kind == BOX
 
 
-CellCodes = TypeVar("CellCodes", int, NDArray[np.integer[Any]])  # one or an array, in plain Python
+CellCodes = TypeVar("CellCodes", int, NDArray[np.integer[Any]])  # one code or an array, for plain Python
 
 
 def kinds_of(codes: CellCodes) -> CellCodes:

@@ -160,7 +160,14 @@ def lacks_dishes(row: Row, active_pots: int) -> bool:
 
 @device_function()
 def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64]) -> None:
-    """Apply a cook's interaction with the cell in front of it."""
+    """Apply a cook's interaction with the cell in front of it.
+
+    Args:
+        row: the state.
+        cook: the number of the cook.
+        active_pots: the number of active pots at the start of the step.
+        outcomes: receives what is earned, added to the reward of the cook's deliveries and to its shaping reward.
+    """
     cooks = row[COOKS]
     at = COOK + 4 * cook
     cells = row[WIDTH] * row[HEIGHT]
@@ -189,7 +196,7 @@ def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64
 
 @device_function()
 def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
-    """Turn and move all cooks. If any two would collide, none moves."""
+    """Turn and move all cooks, given one action per cook. If any two would collide, none moves, but all turn."""
     collide = False
     for cook in range(row[COOKS]):
         new = destination(row, cook, actions[cook])
@@ -274,7 +281,7 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
 def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], at: int) -> None:
     """Write an object into the layers of its cell.
 
-    The layers begin at ``at``: onions, tomatoes, cooking soup, finished soup, dishes and so on, as in `observe`.
+    The layers begin at the index ``at``: onions and tomatoes in waiting pots, then the layers that follow in `observe`.
     """
     kind = kind_of(thing)
     if kind == SOUP:
@@ -296,7 +303,7 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
 
 @device_function()
 def layer_of_cook(cook: int, viewer: int) -> int:
-    """Return the layer that shows where a cook is. The viewer's own layer is the first."""
+    """Return the layer that shows where a cook is in a viewer's observation. The viewer's own layer is the first."""
     return 0 if cook == viewer else cook + (cook < viewer)
 
 
@@ -356,6 +363,14 @@ def step_kitchens(
     """Run `step_kitchen` for each row.
 
     When an episode ends, the next one begins at once, and ``images`` show its beginning.
+
+    Args:
+        rows: the states, one row per kitchen.
+        start: the state at the beginning of an episode.
+        actions: one action per kitchen and cook.
+        outcomes: receives the rewards of each kitchen.
+        images: receives the observations of each kitchen.
+        ends: receives whether each kitchen's episode ended.
 
     Returns:
         -1, or the index of the first kitchen with an action that does not exist; then no kitchen was stepped.

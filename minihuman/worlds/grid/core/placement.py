@@ -13,14 +13,14 @@ UNLIMITED_TRIES = 1 << 30  # tries; a layout that needs more has no free place a
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_across(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """Put a horizontal line of cells with a code, from (x, y) to the right."""
+    """Put a code, such as that of a wall, into ``length`` cells in a horizontal line, from (x, y) to the right."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
 @kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_down(row: Row, x: int, y: int, length: int, code: int) -> None:
-    """Put a vertical line of cells with a code, from (x, y) down."""
+    """Put a code, such as that of a wall, into ``length`` cells in a vertical line, from (x, y) down."""
     for j in range(length):
         put(row, x, y + j, code)
 
@@ -42,7 +42,7 @@ def outer_walls(row: Row) -> None:
 
 @inline
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether any cell of a rectangle is free. Without one, drawing places would never end."""
+    """Return whether any cell of a rectangle is free. If none is, drawing cells until one is free would not end."""
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
         for j in range(max(y, 0), min(max(y, 0) + height, row[HEIGHT])):
             if row[HEADER + i * row[HEIGHT] + j] == EMPTY and not (i == row[X] and j == row[Y]):
@@ -52,9 +52,9 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
 
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
-    """Draw cells of a rectangle until one is free, and return it.
+    """Draw cells of a rectangle, at most ``tries``, until one is free, and return it.
 
-    If none is found, return (-1, -1) and mark the row as FAILED.
+    If none is free, return (-1, -1) and mark the row as FAILED.
     """
     x = max(x, 0)
     y = max(y, 0)
@@ -70,7 +70,10 @@ def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height
 
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, height: int) -> tuple[int, int]:
-    """Put a code into a random free cell of a rectangle; return the cell, or (-1, -1) if none is free."""
+    """Put a code into a random free cell of a rectangle with the top left cell (x, y); return the cell.
+
+    If none is free, return (-1, -1) and mark the row as FAILED.
+    """
     i, j = draw_place(row, rng_state, x, y, width, height, UNLIMITED_TRIES)
     if i >= 0:
         put(row, i, j, code)
@@ -79,7 +82,7 @@ def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, 
 
 @inline
 def place_anywhere(row: Row, rng_state: RngState, code: int) -> tuple[int, int]:
-    """Put a code into a random free cell of the whole grid; return the cell."""
+    """Put a code into a random free cell of the whole grid; return the cell, as `place` does."""
     return place(row, rng_state, code, 0, 0, row[WIDTH], row[HEIGHT])
 
 
@@ -93,7 +96,10 @@ def stand(row: Row, x: int, y: int, direction: int) -> None:
 
 @kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)", only=True)
 def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int) -> None:
-    """Put the agent into a random free cell of a rectangle, looking in a random direction."""
+    """Put the agent into a random free cell of a rectangle, looking in a random direction.
+
+    If none is free, mark the row as FAILED.
+    """
     row[X] = row[Y] = -1
     i, j = draw_place(row, rng_state, x, y, width, height, UNLIMITED_TRIES)
     stand(row, i, j, integer(rng_state, 0, 4))

@@ -112,7 +112,13 @@ def reward_and_done(
 ) -> tuple[float, bool]:
     """Return the reward of a step that was just made, and whether it ends the episode.
 
-    The arguments ``reward`` and ``ended`` are those that goals and lava imply.
+    Args:
+        row: the state after the step.
+        action: the action of the step.
+        held_before: the code of the object in hand before the step, EMPTY for none.
+        first_was_open: whether the first door of the task IN_ORDER was open before the step.
+        reward: the reward that goals and lava imply.
+        ended: whether goals or lava end the episode.
     """
     task = row[TASK]
     carried = row[CARRYING]
@@ -138,7 +144,7 @@ def reward_and_done(
 
 @inline
 def faces_obstacle(row: Row) -> bool:
-    """Return whether something other than a goal is in front of the agent."""
+    """Return whether the cell in front of the agent has something other than a goal, or lies outside the grid."""
     x, y = cell_in_front(row)
     kind = kind_of(cell_at(row, x, y))
     return kind != EMPTY and kind != GOAL

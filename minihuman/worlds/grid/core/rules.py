@@ -99,7 +99,7 @@ def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
 
 @device_function(force_inline=True)
 def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """Run `act`, for kernels that step many rows."""
+    """Make one step as `act` does, compiled into the kernels that call it to step many rows."""
     refused = refusal(row, action)
     if refused < 0:
         return refused, 0.0
@@ -123,7 +123,7 @@ def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
 
 @inline
 def refusal(row: Row, action: int) -> int:
-    """Return why a step is refused, NOT_PLAYING or NO_SUCH_ACTION; return 0 if it is not."""
+    """Return the status of a step that is refused, NOT_PLAYING or NO_SUCH_ACTION; return 0 if it can be made."""
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
     if action < 0 or action >= row[ACTIONS]:

@@ -122,7 +122,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 @device_function()
 def stands(row: Row, code: int, through: bool) -> bool:
-    """Return whether the agent can stand in a cell without ending the episode."""
+    """Return whether the agent can stand in a cell without ending the episode; ``through`` is as in `distances`."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
@@ -315,7 +315,8 @@ def search(
 def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
     """Return whether a shortest plan can have an action here.
 
-    It never closes a door, puts down the only object that can be carried, or picks up again the object put down last.
+    Such a plan never closes a door, puts down the only object that can be carried, or picks up the object that was put
+    down last (``last``, its identity).
     """
     if action == LEFT or action == RIGHT or action == FORWARD:
         return True
@@ -361,7 +362,10 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
 
 @device_function()
 def store(row: Row, node: NDArray[np.int32], last: int) -> None:
-    """Pack the part of the state that actions can change into a node."""
+    """Pack the part of the state that actions can change into a node.
+
+    ``last`` is the identity of the object that was put down last, or 0.
+    """
     node[0] = row[X]
     node[1] = row[Y]
     node[2] = row[DIRECTION]
@@ -374,7 +378,7 @@ def store(row: Row, node: NDArray[np.int32], last: int) -> None:
 
 @device_function()
 def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
-    """Set a row to the state of a node."""
+    """Set a row to the state of a node, given the code of each object by identity - 1."""
     row[X] = node[0]
     row[Y] = node[1]
     row[DIRECTION] = node[2]
@@ -393,7 +397,7 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
 
 @device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
-    """Return the index in the hash table of a node with the same content, or of the free place for this node."""
+    """Return the index in the hash table of a node with the same content as this node, or else of a free place."""
     key = 17
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF

@@ -42,7 +42,7 @@ CARRYING = 5  # code of the object in hand, EMPTY for none
 STEP = 6
 MAX_STEPS = 7
 PHASE = 8
-SEE_THROUGH = 9  # bit 0: walls hide nothing; above it what kinds of the world's own let happen
+SEE_THROUGH = 9  # bit 0: walls hide nothing; above it, four bits with the properties of each of the world's own kinds
 ACTIONS = 10  # how many of the seven actions this world takes
 OBJECTS = 11  # how many objects were made so far
 TASK = 12  # which rule of `rewards` judges a step
@@ -56,7 +56,7 @@ NEW = 0
 PLAYING = 1
 OVER = 2
 
-_POSITIVE = (1 << 31) - 1  # bits of a number that is 0 or more; of a negative one they are more than any size
+_POSITIVE = (1 << 31) - 1  # a mask that keeps a coordinate of 0 or more, and makes a negative one larger than any size
 NOWHERE = -1  # an object's cell while it is carried, contained or gone
 
 
@@ -96,9 +96,9 @@ def clear(row: Row) -> None:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
-    """Return the code in a cell. All cells outside the grid are walls."""
+    """Return the code in a cell. All cells outside the grid are grey walls."""
     is_inside = (int(x) & _POSITIVE < row[WIDTH]) & (int(y) & _POSITIVE < row[HEIGHT])
-    place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned: not looked for from the end
+    place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned, so that no index can be negative
     return row[place] if is_inside else GREY_WALL
 
 
@@ -246,7 +246,7 @@ class State:
 FIRST_OWN_KIND = 11  # the number of a world's first own kind
 MAX_OWN_KINDS = 5
 
-# what a kind lets happen, as bits
+# the properties of a kind, as bits
 STEPPED_ON = 1
 CARRIED = 2
 HIDES = 4
@@ -276,7 +276,7 @@ def can_carry(row: Row, code: int) -> bool:
 
 @inline
 def hiding_looks(row: Row) -> int:
-    """Return which looks of the world's own kinds hide what is behind them, as bits ``kind | state << 4``.
+    """Return which looks of the world's own kinds hide what is behind them, with bit ``kind | state << 4`` for each.
 
     An object that is open hides nothing.
     """

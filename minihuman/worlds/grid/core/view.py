@@ -87,14 +87,14 @@ def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
 
 @simd_function()
 def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
-    """Fill an image as `see` does, for a view for which `is_usual` is true, without the carried object."""
+    """Fill an image as `see` does, but without the carried object. The view must be one that `is_usual` accepts."""
     columns, clear = look_ahead(ops, row)
     write_view(ops, image, columns, spread_sight(clear))
 
 
 @simd_function(counts=True)
 def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
-    """Write the codes of the cells in view into an image; return a bit for each cell that is transparent.
+    """Write the codes of the cells in view into an image; return the transparent cells, with a byte for each row.
 
     This is the first of the three stages of `see_usual`, for batches.
     """
@@ -115,7 +115,10 @@ def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
 
 @simd_function()
 def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
-    """Turn the codes in an image into the view; the last of the three stages of `see_usual`, for batches."""
+    """Replace the codes in an image by the view, given the seen cells in ``boards[at]``.
+
+    This is the last of the three stages of `see_usual`, for batches.
+    """
     columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
     write_view(ops, image, columns, ops.number(boards, at))
 
@@ -194,7 +197,10 @@ def spread_sight(clear: Any) -> Any:
 
 
 def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], visible: Any) -> None:
-    """Write the seen cells of a view into an image. Bytes written too far are overwritten by the next column."""
+    """Write the seen cells of a view into an image, given the codes by pairs of columns and the cells that are seen.
+
+    Each store writes a few bytes too many, which the store of the next column overwrites.
+    """
     seen_lanes = ops.spread_bytes(visible)
     stores = {}
     for (left, right), codes in zip(PAIRS, columns, strict=True):
@@ -268,7 +274,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
 
 @device_function(force_inline=True)
 def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
-    """Write the kind, colour and state of a cell into an image."""
+    """Write the kind, colour and state of a code into the cell (i, j) of an image."""
     image[i, j, 0] = kind_of(code)
     image[i, j, 1] = colour_of(code)
     image[i, j, 2] = state_of(code)
@@ -276,7 +282,13 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 
 @inline
 def spread(reached: int, clear: int, size: int) -> int:
-    """Return the transparent cells of a row that belong to a run in which a cell is seen."""
+    """Return the transparent cells of a row of the view that belong to a run in which a cell is reached by sight.
+
+    Args:
+        reached: the cells that sight reaches from the row before, one bit per cell.
+        clear: the transparent cells, one bit per cell.
+        size: the number of cells in the row.
+    """
     giving = reached & clear
     giving = (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
     run = clear  # bit i: the cells from i to where a stride of this length starts are all clear

@@ -92,7 +92,10 @@ def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) ->
 
 @inline
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
-    """Record the place of the door between two rooms in the lines of both."""
+    """Record the cell (x, y) of the possible door between two rooms in the plan's lines of both.
+
+    ``wall`` is the wall of the first room, RIGHT or DOWN.
+    """
     plan[room, DOOR_X + wall] = x
     plan[room, DOOR_Y + wall] = y
     plan[other, DOOR_X + wall + 2] = x
@@ -101,14 +104,14 @@ def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
 
 @inline
 def behind(room: int, wall: int, columns: int) -> int:
-    """Return the room on the other side of a wall."""
+    """Return the number of the room on the other side of a room's wall, in a grid with ``columns`` columns of rooms."""
     step = 1 if wall % 2 == 0 else columns
     return room + step if wall < 2 else room - step
 
 
 @device_function()
 def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: bool) -> None:
-    """Put a door into a wall of a room."""
+    """Put a new door into a wall of a room, at the place that the plan has for it, and record it in the plan."""
     door = make(row, DOOR, colour, LOCKED if locked else CLOSED)
     put(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall], door)
     plan[room, LOCKED_ROOM] = locked
@@ -118,7 +121,7 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
 
 @device_function()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
-    """Remove the whole wall between two rooms, except its corners."""
+    """Remove the wall between two rooms, except its corners, and record the passage in the plan."""
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
     for k in range(1, size - 1):
@@ -136,7 +139,7 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
 
 @device_function()
 def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, code: int) -> None:
-    """Put a code into a random free cell of a room, not next to the agent."""
+    """Put a code into a random free cell of a room, not next to the agent; mark the row as FAILED if none is found."""
     left = room % columns * (size - 1)
     top = room // columns * (size - 1)
     for _ in range(PLACE_TRIES):
@@ -150,7 +153,10 @@ def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 
 @device_function()
 def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
-    """Put the agent into a random free cell of a room, facing an empty cell or a wall."""
+    """Put the agent into a random free cell of a room, facing an empty cell or a wall.
+
+    If none is found, mark the row as FAILED.
+    """
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
@@ -164,7 +170,7 @@ def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: 
 
 @device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
-    """Return the number of rooms that can be reached through passages, including locked doors."""
+    """Return the number of rooms that can be reached from a room through passages, including locked doors."""
     for room in range(len(plan)):
         plan[room, SEEN] = 0
     plan[start, SEEN] = 1
@@ -185,7 +191,10 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
 
 @device_function()
 def connect_all(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> None:
-    """Add closed doors at random walls until every room can be reached from the agent's. Locked rooms get none."""
+    """Add closed doors in random walls until every room can be reached from the agent's. Locked rooms get none.
+
+    If a room still cannot be reached after `CONNECT_TRIES` draws, mark the row as FAILED.
+    """
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
     lines = len(plan) // columns
     for _ in range(CONNECT_TRIES):

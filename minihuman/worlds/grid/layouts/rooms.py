@@ -181,7 +181,10 @@ TRIES = 8  # places tried for each next room
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: int) -> None:
-    """Lay out a chain of ``fewest`` to ``most`` rooms, each of up to ``largest`` columns and rows."""
+    """Lay out a chain of ``fewest`` to ``most`` rooms, each of up to ``largest`` columns and rows.
+
+    If no such chain is found, mark the row as FAILED.
+    """
     count = integer(rng_state, fewest, most + 1)
     rooms = np.empty((0, 6), np.int64)
     left = MOST_TRIED
@@ -210,7 +213,7 @@ def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: i
 
 @device_function()
 def draw_other_colour(rng_state: RngState, colour: int) -> int:
-    """Draw a colour other than ``colour``; -1 allows any."""
+    """Draw one of the six colours other than ``colour``; for -1, any of them."""
     k = integer(rng_state, 0, 6 if colour < 0 else 5)
     for candidate in SORTED_COLOURS:
         if candidate != colour:
@@ -222,7 +225,7 @@ def draw_other_colour(rng_state: RngState, colour: int) -> int:
 
 @device_function()
 def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
-    """Draw rooms one after the other until there are ``count`` or none fits.
+    """Draw rooms, each next to the one before and the first at a door, until there are ``count`` or none fits.
 
     Return the x, y, width, height, and the x and y of the entry door of each room.
     """
@@ -288,7 +291,10 @@ def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[
 
 @device_function()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether a room lies in the grid and overlaps only the room from which it is entered."""
+    """Return whether a room lies in the grid and overlaps no placed room except perhaps the last.
+
+    The last is the room from which it is entered, with which it shares a wall.
+    """
     if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:
         return False
     for k in range(placed - 1):

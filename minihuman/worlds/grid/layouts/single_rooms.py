@@ -74,11 +74,11 @@ def fetch(row: Row, rng_state: RngState, objects: int) -> None:
 
 @device_function()
 def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> NDArray[np.int64]:
-    """Place objects that all differ; return the kind, colour, x and y of each.
+    """Put objects that all differ in kind or colour into random cells; return the kind, colour, x and y of each.
 
-    With ``apart``, no object touches another.
+    With ``apart``, no object touches another. If there is no cell for an object, mark the row as FAILED.
     """
-    placed = np.full((objects, 4), -9, np.int64)
+    placed = np.full((objects, 4), -9, np.int64)  # a place outside the grid, which no cell touches
     k = 0
     while k < objects and row[FAILED] == 0:
         kind = draw_kind(rng_state, 3)
@@ -106,7 +106,7 @@ def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> ND
 
 @device_function()
 def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
-    """Return whether a cell touches one of the objects, including at corners."""
+    """Return whether a cell touches one of the placed objects, including at corners."""
     for k in range(len(placed)):
         if abs(placed[k, 2] - x) <= 1 and abs(placed[k, 3] - y) <= 1:
             return True

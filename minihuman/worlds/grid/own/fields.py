@@ -51,7 +51,7 @@ class OwnField:
         raise NotImplementedError
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set the field."""
+        """Write a new content into the field's part of the vector."""
         raise NotImplementedError
 
     def places(self, numbers: OwnNumbers) -> NDArray[Any]:
@@ -156,7 +156,7 @@ class FloatArray(_Array):
     dtype = np.float64
 
 
-MOST_NUMBERS = 65_536  # of a world
+MOST_NUMBERS = 65_536  # in the vector of a world
 
 
 def _check_length(name: str, length: Any) -> int:
@@ -176,13 +176,13 @@ def declare_fields(world_class: Any) -> None:
         base_names = " and ".join(base.__name__ for base in bases)
         raise WorldError(f"{world_class.__name__} inherits fields from {base_names}; inherit them from one class")
     inherited: Sequence[OwnField] = bases[0].own_fields if bases else ()
-    names = {field.name for field in inherited}
+    inherited_names = {field.name for field in inherited}
     fields = [*inherited]
     for name, field in vars(world_class).items():
         if isinstance(field, OwnField):
-            if name in names:
+            if name in inherited_names:
                 raise WorldError(f"{world_class.__name__}.{name} is declared in a base class already; rename it")
-            field.offset = sum(other.size for other in fields)
+            field.offset = sum(previous.size for previous in fields)
             fields.append(field)
     if sum(field.size for field in fields) > MOST_NUMBERS:
         raise WorldError(f"the fields of {world_class.__name__} have over {MOST_NUMBERS} numbers; declare smaller ones")
@@ -197,7 +197,7 @@ def numbers_length(world_class: Any) -> int:
 
 
 def own_numbers(world: Any) -> OwnNumbers:
-    """Return the vector of a world's fields, int64; all 0 before the first episode."""
+    """Return the vector of a world's fields, int64, not a copy; all numbers are 0 before the first episode."""
     numbers: OwnNumbers | None = vars(world).get("_own_numbers")
     if numbers is None:
         numbers = np.zeros(numbers_length(type(world)), np.int64)
@@ -220,7 +220,7 @@ def field_named(world_class: Any, name: str) -> OwnField:
 
 
 def observed_space(world: Any, name: str) -> spaces.Space[Any]:
-    """Return the observation space of a declared field, a Box of the field's shape and dtype."""
+    """Return the observation space of a declared field: Discrete(2) for a Bool, or a Box of its shape and dtype."""
     field = field_named(type(world), name)
     shape = np.shape(field.read(own_numbers(world)))
     if isinstance(field, Bool):
@@ -232,7 +232,7 @@ def observed_space(world: Any, name: str) -> spaces.Space[Any]:
 
 
 def observed_number(world: Any, name: str) -> Any:
-    """Return the observation of a declared field: a copy of its content in the shape and dtype of its space."""
+    """Return the observation of a declared field: a copy of its content, as its `observed_space` contains it."""
     field = field_named(type(world), name)
     places = field.places(own_numbers(world))
     if isinstance(field, Bool):

@@ -26,7 +26,7 @@ def act_many(
 ) -> int:
     """Apply one action in each world by the grid's rules alone, without observations.
 
-    With ``skips_ended``, a world whose episode has ended is not stepped.
+    With ``skips_ended``, a world whose episode has ended is not stepped. ``stepped`` receives which worlds were.
 
     Returns:
         0; or the complement (~) of the index of the first world that refuses its action or is not in an episode. In
@@ -50,7 +50,7 @@ def act_many(
 
 @kernel("(int32[:, ::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
 def see_many(rows: NDArray[np.int32], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
-    """Write the observation of each world."""
+    """Write the observation of each world into ``images`` and ``directions``."""
     for i in range(len(rows)):
         see(rows[i], images[i])
         directions[i] = rows[i, DIRECTION]
@@ -71,7 +71,10 @@ def act_teams(
     stepped: NDArray[np.bool_],
     skips_ended: bool,
 ) -> int:
-    """Make one joint step in each world; the arguments and the result are as in `act_many`."""
+    """Make one joint step in each world; the arguments and the result are as in `act_many`.
+
+    ``images`` are written only for the task HIDE, whose rewards depend on what the bodies see.
+    """
     for i in range(len(rows)):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (skips_ended and phase == OVER)
@@ -94,7 +97,7 @@ def act_teams(
 
 @kernel("(int32[:, ::1], uint8[:, :, :, :, ::1], boolean[::1])", nogil=True)
 def see_teams(rows: NDArray[np.int32], images: NDArray[np.uint8], selected: NDArray[np.bool_]) -> None:
-    """Write the views of all bodies of the selected worlds."""
+    """Write the views of all bodies of the selected worlds into ``images``."""
     for i in range(len(rows)):
         if selected[i]:
             for body in range(images.shape[1]):

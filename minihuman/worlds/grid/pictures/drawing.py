@@ -26,18 +26,18 @@ from minihuman.worlds.grid.core.cells import (
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, FIRST_OWN_KIND, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.pictures.minigrid_tiles import minigrid_tile
-from minihuman.worlds.grid.pictures.tiles import GridPalette, agent, in_hand, tile, unseen
+from minihuman.worlds.grid.pictures.tiles import GridPalette, agent, draw_carried, draw_cell_tile, draw_unseen_tile
 from minihuman.worlds.kernels import device_function, inline, kernel
 
 if TYPE_CHECKING:
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
 LOOKS = 512  # kind, colour and state make nine bits
-LIT = 0.13  # how much lighter a cell is that the agent sees
+LIT = 0.13  # how much lighter a cell is drawn that the agent sees, from 0 to 1 for white
 RUN = 16  # words of a tile's line that are copied at once
 CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
-Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
+Words = NDArray[np.uint64] | Pixels  # eight bytes of pixels each if a tile's line has a multiple of eight, else bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,15 +45,15 @@ class Atlas:
     """All tiles at one size in one palette. ``number[look]`` is the index of a tile in the arrays; 0 is "unseen"."""
 
     number: NDArray[np.int64]  # (512,)
-    under: NDArray[np.int64]  # (4, 512): by direction: a cell with the agent in it, where they are one tile
-    tiles: Words  # (2, tiles, px, words) as they are, and lit; a line of pixels is one run of words
-    agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
-    carried: Pixels  # (tiles, half px, half px, 4) objects alone
+    under: NDArray[np.int64]  # (4, 512): by direction and look: Minigrid's tile of a cell with the agent in it
+    tiles: Words  # (2, tiles, px, words): as they are, and lit
+    agents: Pixels  # (4, px, px, 4): by direction, with colour and opacity
+    carried: Pixels  # (tiles, small px, small px, 4): objects as they are carried, with colour and opacity
 
 
 @lru_cache(maxsize=16)
 def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> Atlas:
-    """Return the atlas of all tiles at one size in one palette, drawn once."""
+    """Return the atlas of all tiles at one size in one palette; it is drawn once and cached."""
     looks = [EMPTY, RED_LAVA]
     for colour in range(len(COLOURS)):
         looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
@@ -64,19 +64,20 @@ def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = 
     number[looks] = np.arange(1, len(looks) + 1)
     if palette == "minigrid":
         return _minigrid_atlas(tile_px, looks, number, kinds)
-    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette, kinds).rgb for look in looks])
+    canvases = [draw_unseen_tile(tile_px), *(draw_cell_tile(look, tile_px, palette, kinds) for look in looks)]
+    plain = np.stack([canvas.rgb for canvas in canvases])
     lit = plain + (255 - plain) * LIT
     small = max(1, round(tile_px * CARRIED))
     carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
     for look in looks:
-        canvas = in_hand(look, small, palette, kinds)
+        canvas = draw_carried(look, small, palette, kinds)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
     tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(
         number,
         np.zeros((len(agents), LOOKS), np.int64),
-        _in_runs(tiles),
+        _view_as_words(tiles),
         np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
         carried,
     )
@@ -93,15 +94,17 @@ def _minigrid_atlas(
         combinations += [(look, direction) for look in looks]
     tiles = np.stack(
         [
-            [minigrid_tile(look, tile_px, facing=way, lit=lit, kinds=kinds) for look, way in combinations]
+            [minigrid_tile(look, tile_px, facing=facing, lit=lit, kinds=kinds) for look, facing in combinations]
             for lit in (False, True)
         ]
     )
-    nothing = np.zeros((len(looks) + 1, 1, 1, 4), np.uint8)
-    return Atlas(number, under, _in_runs(tiles.reshape(2, -1, tile_px, 3 * tile_px)), nothing[:4], nothing)
+    transparent = np.zeros((len(looks) + 1, 1, 1, 4), np.uint8)  # in place of separate figures
+    words = _view_as_words(tiles.reshape(2, -1, tile_px, 3 * tile_px))
+    return Atlas(number, under, words, agents=transparent[:4], carried=transparent)
 
 
-def _in_runs(tiles: Pixels) -> Words:
+def _view_as_words(tiles: Pixels) -> Words:
+    """Return lines of pixels as words of eight bytes, or as bytes if their length is not a multiple of eight."""
     if tiles.shape[2] % 8 == 0:
         return tiles.view(np.uint64)
     return tiles
@@ -117,7 +120,7 @@ def draw_grid(
     kinds: "tuple[ObjectKind, ...]" = (),
     lit: bool = True,
 ) -> Pixels:
-    """Draw a picture, uint8[rows * tile_px, columns * tile_px, 3].
+    """Draw a picture of the whole grid or of the agent's view, uint8[rows * tile_px, columns * tile_px, 3].
 
     Args:
         row: the state.
@@ -136,17 +139,17 @@ def draw_grid(
     if lit or view == "partial":
         see(row, image)
     words = lines.view(tile_atlas.tiles.dtype)
-    full = view == "full"
-    in_view = palette == "minigrid"
-    visible = np.zeros((columns, rows), np.int64)
+    shows_all = view == "full"
+    is_minigrid = palette == "minigrid"
+    is_lit = np.zeros((columns, rows), np.int64)
     tables = tile_atlas.number, tile_atlas.under, tile_atlas.tiles, tile_atlas.agents, tile_atlas.carried
-    draw_cells(row, image, full, in_view, visible, *tables, words, lines)
+    draw_cells(row, image, shows_all, is_minigrid, is_lit, *tables, words, lines)
     return out
 
 
 @device_function("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
 def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
-    """Blend a partly transparent figure into a picture."""
+    """Blend a partly transparent figure, by its index in ``figures``, into a picture, at a pixel column and row."""
     for v in range(figures.shape[1]):
         for u in range(figures.shape[2]):
             alpha = np.int64(figures[figure, v, u, 3])
@@ -246,7 +249,7 @@ def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Wo
     for v in range(height):
         line = row * height + v
         for run in range(0, run_end, RUN):
-            for word in range(RUN):  # a number of turns that is known becomes one move or two
+            for word in range(RUN):  # the compiler turns a loop of known length into one or two vector moves
                 words[line, left + run + word] = tiles[lit, tile, v, run + word]
         for word in range(run_end, width):
             words[line, left + word] = tiles[lit, tile, v, word]

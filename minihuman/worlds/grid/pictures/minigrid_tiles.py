@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
 FINE = 3  # samples along a pixel's side
-LIT = 0.30
-# of the grid: its colour, and how much of a tile it takes
+LIT = 0.30  # how much lighter a lit tile is, from 0 to 1 for white
+# the lines between tiles: their colour, and their width in tiles
 LINE = (100, 100, 100)
 EDGE = 0.031
 Samples = NDArray[np.uint8]  # (3 px, 3 px, 3)
@@ -37,7 +37,7 @@ def minigrid_tile(
     board = _Board(FINE * size_px)
     board.fill(board.box(0, EDGE, 0, 1), LINE)
     board.fill(board.box(0, 1, 0, EDGE), LINE)
-    _draw(board, code, kinds)
+    _draw_object(board, code, kinds)
     if facing is not None:
         board.fill(board.arrow(facing), (255, 0, 0))
     samples = board.samples
@@ -48,8 +48,10 @@ def minigrid_tile(
 
 
 class _Board:
+    """A tile that is being drawn, as samples. Coordinates are 0 to 1 across the tile, x to the right and y down."""
+
     def __init__(self, size: int) -> None:
-        self.x, self.y = _places(size)
+        self.x, self.y = _sample_centres(size)
         self.samples: Samples = np.zeros((size, size, 3), np.uint8)
 
     def fill(self, inside: Inside, colour: Sequence[float]) -> None:
@@ -77,11 +79,12 @@ class _Board:
         return near & self.box(min(x0, x1) - radius, max(x0, x1) + radius, min(y0, y1) - radius, max(y0, y1) + radius)
 
     def arrow(self, facing: int) -> Inside:
-        """Return the samples inside the agent, a triangle turned about the middle of the tile."""
+        """Return the samples inside the agent, a triangle that points right (0), down (1), left (2) or up (3)."""
         turn = -0.5 * np.pi * facing
         x = self.x - 0.5
         y = self.y - 0.5
         x, y = 0.5 + x * np.cos(turn) - y * np.sin(turn), 0.5 + y * np.cos(turn) + x * np.sin(turn)
+        # barycentric coordinates u and v, computed as Minigrid computes them
         a, b, c = np.array([(0.12, 0.19), (0.87, 0.50), (0.12, 0.81)], np.float32)
         to_c = c - a
         to_b = b - a
@@ -100,13 +103,14 @@ class _Board:
 
 
 @cache
-def _places(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sample_centres(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     centres = (np.arange(size) + 0.5) / size
     y, x = np.meshgrid(centres, centres, indexing="ij")
     return x, y
 
 
-def _draw(board: _Board, code: int, kinds: "Sequence[ObjectKind]") -> None:
+def _draw_object(board: _Board, code: int, kinds: "Sequence[ObjectKind]") -> None:
+    """Draw what a cell with this code contains over the floor."""
     colour = colour_rgb(code, "minigrid")
     kind = kind_of(code)
     state = state_of(code)

@@ -81,7 +81,7 @@ class Canvas:
         self.alpha = np.zeros((size_px, size_px))
 
     def fill(self, shape: Plane, colour: tuple[float, float, float], opacity: float = 1.0) -> None:
-        """Paint the inside of a shape in a colour."""
+        """Paint the inside of a shape in a colour, over what is there; pixels at its edge are blended."""
         cover = np.clip(0.5 - shape * self.size_px, 0.0, 1.0) * opacity
         alpha = cover + self.alpha * (1 - cover)
         share = np.divide(cover, alpha, out=np.zeros_like(cover), where=alpha > 0)[..., None]
@@ -103,7 +103,7 @@ class Canvas:
         return np.hypot(np.maximum(du, 0), np.maximum(dv, 0)) + np.minimum(np.maximum(du, dv), 0) - corner
 
     def bar(self, u0: float, v0: float, u1: float, v1: float, radius: float) -> Plane:
-        """Return the shape of a line with round ends."""
+        """Return the shape of a line with round ends, ``radius`` to each side of it."""
         along = np.clip(
             ((self.u - u0) * (u1 - u0) + (self.v - v0) * (v1 - v0)) / ((u1 - u0) ** 2 + (v1 - v0) ** 2), 0, 1
         )
@@ -131,16 +131,23 @@ def shade(colour: RGB, amount: float) -> Colour:
     return red, green, blue
 
 
-def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """Draw a cell and the object in it, opaque."""
+def draw_cell_tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
+    """Return an opaque tile of a cell with the object in it, as it is drawn from above.
+
+    Args:
+        code: the code of the cell.
+        size_px: the number of pixels on a side of the tile.
+        palette: the colours.
+        kinds: the world's own kinds.
+    """
     canvas = Canvas(size_px)
     kind = kind_of(code)
     colour = colour_rgb(code, palette)
     if kind == cells.WALL:
-        _wall(canvas, colour)
+        _paint_wall(canvas, colour)
         return canvas
     if kind == cells.LAVA:
-        _lava(canvas, colour)
+        _paint_lava(canvas, colour)
         return canvas
     canvas.fill(canvas.everywhere(), GRID_LINE)
     line = max(0.5 / size_px, 0.012)
@@ -152,15 +159,15 @@ def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]"
     return canvas
 
 
-def unseen(size_px: int) -> Canvas:
-    """Draw a cell that the agent does not see."""
+def draw_unseen_tile(size_px: int) -> Canvas:
+    """Return the tile of a cell that the agent does not see."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.everywhere(), UNSEEN)
     return canvas
 
 
-def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """Draw a carried object on a dark disc with transparent corners."""
+def draw_carried(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
+    """Return a picture of a carried object on a dark disc without background; arguments as in `draw_cell_tile`."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     paint(canvas, code, palette, kinds)
@@ -168,7 +175,7 @@ def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKin
 
 
 def agent(direction: int, size_px: int, palette: Palette, colour: RGB | None = None) -> Canvas:
-    """Draw the agent as an arrowhead on a transparent background, looking right (0), down (1), left (2) or up (3).
+    """Return a tile of the agent as an arrowhead without background, looking right (0), down (1), left (2) or up (3).
 
     Its colour is the palette's colour of the agent unless another is given.
     """
@@ -186,7 +193,7 @@ Part = tuple[Callable[..., Plane], tuple[Any, ...], float]  # a shape, its measu
 
 
 def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> None:
-    """Paint an object on a canvas."""
+    """Paint the object with a code on a canvas, over what is there; ``kinds`` are the world's own kinds."""
     colour = colour_rgb(code, palette)
     kind = kind_of(code)
     state = state_of(code)
@@ -196,33 +203,34 @@ def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[DrawnKin
         canvas.fill(shape(canvas, *measures), shade(colour, lightness))
 
 
-def _wall(canvas: Canvas, colour: RGB) -> None:
-    # a coloured wall is the plain one with a hint of its colour; grey is the plain one
-    red, green, blue = (
-        (3 * a + b) / 4 if colour[0] != colour[2] else a for a, b in zip(WALL_COLOUR, colour, strict=True)
-    )
-    body = (int(red), int(green), int(blue))
+def _paint_wall(canvas: Canvas, colour: RGB) -> None:
+    body = WALL_COLOUR
+    if colour[0] != colour[2]:  # a quarter of any colour but a neutral grey is mixed in
+        red, green, blue = ((3 * plain + tint) / 4 for plain, tint in zip(WALL_COLOUR, colour, strict=True))
+        body = (int(red), int(green), int(blue))
     edge = max(1 / canvas.size_px, 0.05)
     canvas.fill(canvas.everywhere(), shade(body, -0.38))
     canvas.fill(canvas.box(-1, -1, 1 - edge, 1 - edge), shade(body, 0.18))
     canvas.fill(canvas.box(edge, edge, 1 - edge, 1 - edge), body)
 
 
-def _lava(canvas: Canvas, colour: RGB) -> None:
+def _paint_lava(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.everywhere(), colour)
     for v in (0.30, 0.55, 0.80):
-        _wave(canvas, v, shade(colour, -0.45))
+        _paint_wave(canvas, v, shade(colour, -0.45))
     for v in (0.24, 0.49, 0.74):
-        _wave(canvas, v, shade(colour, 0.45))
+        _paint_wave(canvas, v, shade(colour, 0.45))
 
 
-def _wave(canvas: Canvas, v: float, colour: Colour) -> None:
+def _paint_wave(canvas: Canvas, v: float, colour: Colour) -> None:
+    """Paint a wave, a zigzag of four lines across the tile about the height ``v``."""
     points = [(0.08 + 0.21 * i, v + (0.05 if i % 2 else -0.05)) for i in range(5)]
     for (u0, v0), (u1, v1) in pairwise(points):
         canvas.fill(canvas.bar(u0, v0, u1, v1, 0.022), colour)
 
 
 def _ring(canvas: Canvas, u: float, v: float, radius: float, thickness: float) -> Plane:
+    """Return the shape of a ring that extends ``thickness`` to each side of a circle."""
     return abs(canvas.disc(u, v, radius)) - thickness
 
 

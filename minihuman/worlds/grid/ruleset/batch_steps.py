@@ -24,7 +24,11 @@ NEXT_STEP, SAME_STEP, DISABLED = range(3)
 
 @device_function()
 def find_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
-    """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none."""
+    """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none.
+
+    A world cannot be stepped if its action does not exist, or if it is not in an episode. In the mode NEXT_STEP, a
+    world whose episode has ended can be stepped.
+    """
     for i in range(len(rows)):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
@@ -35,7 +39,7 @@ def find_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
 
 @device_function()
 def observe_row(row: Row, image: NDArray[np.uint8], pocket: NDArray[np.uint8]) -> int:
-    """Write the view and what is carried; return the direction."""
+    """Write the agent's view, and the kind and colour of the tile that it carries; return its direction."""
     view_row(row, image)
     pocket[0] = row[POCKET] & 15
     pocket[1] = row[POCKET] >> 4
@@ -96,7 +100,7 @@ def observe_rulesets(
     directions: NDArray[np.int64],
     pockets: NDArray[np.uint8],
 ) -> None:
-    """Write the observations of the given worlds."""
+    """Write the observations of the given worlds into ``images``, ``directions`` and ``pockets``."""
     for k in range(len(worlds)):
         i = worlds[k]
         row = rows[i]

@@ -56,7 +56,7 @@ NOT_PLAYING = -2
 
 
 def ruleset_row_length(height: int, width: int, most_rules: int) -> int:
-    """Return the length of a row: that of the header, of as many rules as a task may have, and of the tiles."""
+    """Return the length of a row of state, which has a header, ``most_rules`` rules, and the tiles of the grid."""
     return HEADER + PER_RULE * most_rules + height * width
 
 
@@ -74,7 +74,7 @@ def cell_index(row: Row, y: int, x: int) -> int:
 
 @inline
 def offset(row: Row, direction: int) -> int:
-    """Return how far in the row of state the neighbour in a direction is from a tile: up, right, down or left."""
+    """Return the difference between a tile's index in the row of state and that of its neighbour in a direction."""
     return (direction - 1) * row[WIDTH] if direction % 2 == 0 else 2 - direction
 
 
@@ -94,7 +94,7 @@ def is_pickable(tile: int) -> bool:
 
 @inline
 def go_forward(row: Row) -> None:
-    """Move the agent to the next tile."""
+    """Move the agent one tile in its direction, whatever is there."""
     if row[DIRECTION] % 2 == 0:
         row[Y] += row[DIRECTION] - 1
     else:
@@ -103,7 +103,10 @@ def go_forward(row: Row) -> None:
 
 @device_function()
 def use_hand(row: Row, action: int, front: int) -> None:
-    """Pick up the tile in front, put down what is carried, or toggle a door."""
+    """Pick up the tile in front, put down what is carried, or toggle a door; do nothing if that is not possible.
+
+    ``front`` is the index in the row of the tile in front of the agent.
+    """
     tile = row[front]
     kind = tile & 15
     if action == PICK_UP:
@@ -148,7 +151,7 @@ def act_alone(row: Row, action: int) -> int:
 def apply_agent_near(row: Row, here: int, first: int, last: int, tile: int, product: int) -> int:
     """Replace the given tile beside the agent, in the directions from ``first`` to ``last``, by the product.
 
-    Return `CHANGED` if a tile was replaced, and otherwise 0.
+    ``here`` is the index in the row of the agent's tile. Return `CHANGED` if a tile was replaced, and otherwise 0.
     """
     status = 0
     for direction in range(first, last + 1):
@@ -193,7 +196,10 @@ def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int,
 
 @device_function()
 def apply_rules(row: Row, action: int, place: int) -> int:
-    """Apply all rules in turn after an action; return `CHANGED` if one changed something, and otherwise 0."""
+    """Apply all rules in turn after an action; return `CHANGED` if any rule changed something, and otherwise 0.
+
+    ``place`` is the index in the row of the tile that the action was about.
+    """
     status = 0
     here = cell_index(row, row[Y], row[X])
     for rule in range(HEADER, HEADER + PER_RULE * row[RULES], PER_RULE):
@@ -222,7 +228,7 @@ def apply_rules(row: Row, action: int, place: int) -> int:
 
 @device_function()
 def is_beside(row: Row, place: int, direction: int, tile: int) -> bool:
-    """Return whether a tile lies beside a place, in one direction, or in any direction for -1."""
+    """Return whether a tile lies beside an index in the row: in one direction, or in any direction for -1."""
     if direction >= 0:
         return row[place + offset(row, direction)] == tile
     above = row[place - row[WIDTH]] == tile
@@ -232,7 +238,10 @@ def is_beside(row: Row, place: int, direction: int, tile: int) -> bool:
 
 @device_function()
 def is_tile_near(row: Row, place: int, direction: int, a: int, b: int) -> bool:
-    """Return whether what lies in a place is beside its partner: tile b in a direction of tile a, -1 for any."""
+    """Return whether tiles a and b lie side by side, one of them at the index ``place`` in the row.
+
+    Tile b must lie in the given direction from tile a; -1 stands for any direction.
+    """
     tile = row[place]
     if direction < 0:
         if tile == a:
@@ -245,7 +254,7 @@ def is_tile_near(row: Row, place: int, direction: int, a: int, b: int) -> bool:
 
 @device_function()
 def has_reached_goal(row: Row, action: int, place: int) -> bool:
-    """Return whether the goal is reached after an action about a place."""
+    """Return whether the goal is reached after an action on the tile at the index ``place`` in the row."""
     kind = row[GOAL]
     a = row[GOAL + 1]
     if kind == GOAL_TILE_AT:
@@ -269,7 +278,7 @@ def has_reached_goal(row: Row, action: int, place: int) -> bool:
 
 @device_function()
 def step_row(row: Row, action: int) -> int:
-    """Take an action that exists in an episode; return the status."""
+    """Take a valid action during an episode; return the status, with the bits TERMINATED, TRUNCATED and CHANGED."""
     place = act_alone(row, action)
     status = 0
     if action == FORWARD or action == PICK_UP or action == PUT_DOWN:
@@ -319,7 +328,7 @@ def see_tiles(row: Row, image: NDArray[np.uint8]) -> None:
 
 @kernel("(int32[::1], int64)", hold_gil=True)
 def act_by_rules(row: Row, action: int) -> int:
-    """Take an action without observing; return the status: bits, or a negative number if nothing happened."""
+    """Take an action without observing; return its status: bits, or NOT_PLAYING or NO_SUCH_ACTION if it was refused."""
     if row[PHASE] != PLAYING:
         return NOT_PLAYING
     if action < 0 or action > TOGGLE:
@@ -341,5 +350,5 @@ def step_by_rules(row: Row, action: int, image: NDArray[np.uint8]) -> int:
 
 @inline
 def earned(row: Row, status: int) -> float:
-    """Return the reward of a step: ``1 - 0.9 * step / max_steps`` where the goal was reached."""
+    """Return the reward of a step: ``1 - 0.9 * step / max_steps`` if it reached the goal, and otherwise 0."""
     return 1.0 - 0.9 * (row[STEP] / row[MAX_STEPS]) if status & TERMINATED else 0.0

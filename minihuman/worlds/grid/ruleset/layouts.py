@@ -34,7 +34,7 @@ from minihuman.worlds.grid.ruleset.dynamics import (
 from minihuman.worlds.kernels import device_function, inline, kernel
 from minihuman.worlds.rng import RngState, integer
 
-# of a task's record: the goal, how many rules, how many things; then the rules, then the things
+# indices in a task's record: four numbers of the goal, the number of rules, that of things; then the rules and things
 N_RULES, N_THINGS, RECORD = range(4, 7)
 ROOMS = (1, 2, 4, 6, 9)
 
@@ -55,7 +55,7 @@ def put_wall_across(row: Row, y: int, first: int, last: int) -> None:
 
 @inline
 def put_door(row: Row, rng_state: RngState, y: int, x: int) -> None:
-    """Put a closed door of a drawn colour, from red to grey, into the grid."""
+    """Put a closed door, whose colour is drawn from red to grey, into a row and a column of the grid."""
     row[cell_index(row, y, x)] = DOOR_CLOSED | integer(rng_state, 1, GREY + 1) << 4
 
 
@@ -107,7 +107,7 @@ def build_nine_rooms(row: Row, rng_state: RngState) -> None:
 
 @device_function()
 def build_rooms(row: Row, rng_state: RngState, rooms: int) -> None:
-    """Build the outer walls, and the walls and doors between so many rooms."""
+    """Fill the grid with floor, outer walls, and the walls and doors between 1, 2, 4, 6 or 9 rooms."""
     height = row[HEIGHT]
     width = row[WIDTH]
     cells = first_cell(row)
@@ -130,7 +130,7 @@ def build_rooms(row: Row, rng_state: RngState, rooms: int) -> None:
 
 @device_function()
 def draw_floor(row: Row, rng_state: RngState) -> int:
-    """Draw a tile of black floor, of which there is one at least; return its index in the row."""
+    """Draw a tile of black floor, of which the grid must have one at least; return its index in the row."""
     cells = first_cell(row)
     while True:
         cell = cells + integer(rng_state, 0, row[HEIGHT] * row[WIDTH])
@@ -144,7 +144,8 @@ def lay_out_row(
 ) -> None:
     """Begin an episode of a task: write its rules into the row, build the rooms, and place things and the agent.
 
-    If there is no floor for all of them, the row is marked as failed.
+    If there is too little floor for all of them, the row is marked as failed. The task begins at ``starts[task]`` in
+    ``records``, in which all tasks lie one after the other.
     """
     start = starts[task]
     rules = int(records[start + N_RULES])
@@ -189,7 +190,8 @@ def lay_out_task(
 ) -> None:
     """Begin an episode of a task drawn from those from ``first`` to before ``last``.
 
-    If there is no floor for everything, the row is marked as failed and begins no episode.
+    If there is too little floor for everything, the row is marked as failed and begins no episode. ``records`` and
+    ``starts`` are the tasks, as in `lay_out_row`.
     """
     lay_out_row(row, rng_state, records, starts, integer(rng_state, first, last), rooms)
 

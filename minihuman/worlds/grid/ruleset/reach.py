@@ -26,7 +26,7 @@ FAR = 1 << 30  # more steps than any
 
 @device_function()
 def changes(row: Row, after: Row) -> bool:
-    """Return whether two states differ in more than the agent's place, its direction and the steps taken."""
+    """Return whether a state differs from an earlier one in more than the agent's pose and the number of steps."""
     if row[POCKET] != after[POCKET]:
         return True
     for cell in range(first_cell(row), len(row)):
@@ -37,13 +37,16 @@ def changes(row: Row, after: Row) -> bool:
 
 @device_function()
 def pose_of(row: Row) -> int:
-    """Return the number of the agent's pose: its cell and its direction."""
+    """Return the number of the agent's pose: ``4 * cell + direction``."""
     return 4 * (row[Y] * row[WIDTH] + row[X]) + row[DIRECTION]
 
 
 @device_function()
 def try_action(row: Row, after: Row, pose: int, action: int) -> int:
-    """Write the state after an action in a pose, with no step taken and no limit near; return the step's status."""
+    """Write into ``after`` the state after an action in a pose; return the status of the step.
+
+    The number of steps in ``after`` is 0, and its step limit is never reached.
+    """
     for i in range(len(row)):
         after[i] = row[i]
     place = pose // 4
@@ -67,7 +70,7 @@ def walk_to_changes(
     parents: NDArray[np.int64],
     queue: NDArray[np.int64],
 ) -> int:
-    """Do what `reach_changes` says: try all actions in all poses, in the order of their distance."""
+    """Do the work of `reach_changes`: try all actions in all poses that can be walked to, the nearest first."""
     parents[:] = -1
     start = pose_of(row)
     parents[start] = -2
@@ -116,8 +119,8 @@ def reach_changes(
     Args:
         row: the state.
         after: receives the states, without their steps, in the order of their costs.
-        costs: receives the number of actions that lead to each.
-        moves: receives the pose in which the last action is taken and that action: ``pose * 8 + action``.
+        costs: receives the number of actions that lead to each state.
+        moves: receives, for each state, the pose of the last action and that action: ``pose * 8 + action``.
         parents: receives, for each pose that the agent can walk to, the pose and action before it, likewise; -1 for
             others, and -2 for the pose at the start.
         queue: space for all poses.

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from minihuman.worlds.kernels import kernel
 from minihuman.worlds.rng import RngState, unit
 
-SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))  # a neighbour's place: along the first axis of a layout, along the second
-WORD = 64  # patterns that one number of a set holds
+SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))  # the offset of a neighbour along the first and the second axis of a layout
+WORD = 64  # patterns that one number of a set holds: its bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,8 @@ class Overlaps:
     adjacency: NDArray[np.uint64]
 
 
-def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
-    """Return the patterns of a picture and which of them may be adjacent.
+def find_overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
+    """Find the patterns of a picture and which of them may be adjacent.
 
     Args:
         picture: uint8[height, width, 3]; a pixel without red is a wall.
@@ -62,7 +62,7 @@ def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> O
 
 
 def _distinct_patterns(tiles: NDArray[np.int64], width: int) -> dict[int, NDArray[np.int64]]:
-    """Return the distinct patterns of a picture by their hash; they wrap around the picture's edges."""
+    """Return the distinct patterns of a picture by their hash. Patterns wrap around the picture's edges."""
     wrapped_tiles = np.pad(tiles, ((0, width - 1), (0, width - 1)), mode="wrap")
     windows = sliding_window_view(wrapped_tiles, (width, width)).reshape(-1, width * width)
     hashes, first_indices = np.unique(_hash_rows(windows), return_index=True)
@@ -78,10 +78,10 @@ def _hash_rows(values: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
     """Return ``count`` orientations of a picture, each a mirror image or a quarter turn of the previous one."""
-    turned = [tiles]
+    oriented = [tiles]
     for i in range(1, count):
-        turned.append(np.fliplr(turned[-1]) if i % 2 else np.rot90(turned[-1], axes=(1, 0)))
-    return turned
+        oriented.append(np.fliplr(oriented[-1]) if i % 2 else np.rot90(oriented[-1], axes=(1, 0)))
+    return oriented
 
 
 def _find_adjacency(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
@@ -294,7 +294,7 @@ def _settle(sets: Sets, counts: NDArray[np.int64], cell: int, pattern: int) -> N
 
 @kernel("(uint64[:, ::1],)")
 def _patterns(sets: Sets) -> NDArray[np.int64]:
-    """Return the pattern of each cell, all of which have settled."""
+    """Return the pattern of each cell, given sets of one pattern each."""
     patterns = np.empty(len(sets), np.int64)
     for cell in range(len(sets)):
         for p in range(64 * sets.shape[1]):
@@ -309,6 +309,8 @@ Cell = tuple[int, int]
 def largest_part(free: list[Cell]) -> list[Cell]:
     """Return the largest connected part of two cells or more, or the first of several; empty if there is none.
 
+    The order of its cells is Minigrid's; see the module's description.
+
     Args:
         free: the free cells in the layout's order.
     """
@@ -317,34 +319,36 @@ def largest_part(free: list[Cell]) -> list[Cell]:
     visited_count = 0
     for cell in free:
         if cell in unseen:
-            part = _reached(cell, unseen, len(free) - visited_count)
+            part = _find_connected(cell, unseen, len(free) - visited_count)
             visited_count += len(part)
             for member in part:
                 del unseen[member]
             if len(part) > max(1, len(largest)):
                 largest = part
-    return _in_order(_in_order(largest, free), free)
+    # twice, as Minigrid takes the subgraph of the part, and then the subgraph of the cells of that subgraph
+    return _order_as_networkx(_order_as_networkx(largest, free), free)
 
 
-def _reached(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
-    """Return the cells that can be reached, breadth first: up, left, down and right of each."""
+def _find_connected(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
+    """Return the unseen cells that are connected with a cell, found breadth first, until there are ``at_most``."""
     reached = {source}
-    level = [source]
-    while level:
-        this = level
-        level = []
-        for x, y in this:
+    next_level = [source]
+    while next_level:
+        level = next_level
+        next_level = []
+        for x, y in level:
             for cell in ((x - 1, y), (x, y - 1), (x + 1, y), (x, y + 1)):
                 if cell in unseen and cell not in reached:
                     reached.add(cell)
-                    level.append(cell)
+                    next_level.append(cell)
             if len(reached) == at_most:
                 return reached
     return reached
 
 
-def _in_order(cells: Iterable[Cell], free: list[Cell]) -> list[Cell]:
-    chosen = set(iter(cells))
+def _order_as_networkx(cells: Iterable[Cell], free: list[Cell]) -> list[Cell]:
+    """Return cells in the order in which networkx iterates over a part of a graph of the free cells."""
+    chosen = set(iter(cells))  # added one by one: a copy of a set can have another order
     if 2 * len(chosen) < len(free):
         return list(chosen)
     return [cell for cell in free if cell in chosen]

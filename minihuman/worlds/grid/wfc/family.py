@@ -21,7 +21,7 @@ from minihuman.worlds.grid.core.placement import stand
 from minihuman.worlds.grid.core.state import HEADER, HEIGHT, WIDTH, Row, put
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, largest_part, overlaps
+from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, find_overlaps, largest_part
 from minihuman.worlds.kernels import kernel
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
 from minihuman.worlds.rng import RngState, integer, shuffle
@@ -84,9 +84,9 @@ PICTURES: Mapping[str, str] = MappingProxyType(
     }
 )
 
-ATTEMPTS = 1000  # as in Minigrid
-LAYOUTS = 100  # that are thrown away before there are two connected cells; Minigrid ends in an error at the first
-MAX_WFC_CELLS = 64  # on a side: at most a second to collapse from our pictures
+ATTEMPTS = 1000  # to collapse a layout, as in Minigrid
+LAYOUTS = 100  # that are tried until two free cells are connected; Minigrid raises an error at the first
+MAX_WFC_CELLS = 64  # on a side: collapsing takes at most a second with our pictures
 MAX_WFC_PIXELS = 64  # on a side of a picture
 
 
@@ -125,10 +125,15 @@ class WfcRecipe(Recipe):
         Raises:
             WorldError: if every attempt ends in contradiction, or no layout has two connected cells.
         """
-        dig(row, rng_state, np.array(self._free(rng_state, int(row[WIDTH]) - 2), np.int64))
+        size = int(row[WIDTH]) - 2  # without the outer walls
+        dig(row, rng_state, np.array(self._draw_free_cells(rng_state, size), np.int64))
 
-    def _free(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
-        """Return the free cells of a layout, at least two, of which one can be the goal."""
+    def _draw_free_cells(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
+        """Draw a layout of ``size`` cells on a side; return its free cells, at least two, or only the connected ones.
+
+        Raises:
+            WorldError: if every attempt ends in contradiction, or no layout has two connected cells.
+        """
         for _ in range(LAYOUTS):
             patterns = collapse(
                 rng_state, self.overlaps.weights, self.overlaps.adjacency, size, self.periodic, ATTEMPTS
@@ -163,9 +168,9 @@ def wfc(
     check_whole("size", size, 5, MAX_WFC_CELLS)
     check_bool("ensure_connected", ensure_connected)
     if patterns is None:
-        read = _ours(preset.picture, preset.width)
+        pattern_overlaps = _read_built_in_picture(preset.picture, preset.width)
     else:
-        read = _read(patterns, preset)
+        pattern_overlaps = _read_picture_file(patterns, preset)
     return WfcRecipe(
         layout=dig,
         numbers=(),
@@ -174,20 +179,27 @@ def wfc(
         max_steps=20 * size,
         mission=MissionSpace("traverse the maze to get to the goal"),
         name=wfc_config,
-        overlaps=read,
+        overlaps=pattern_overlaps,
         periodic=preset.periodic,
         connected=ensure_connected,
     )
 
 
 @cache
-def _ours(picture: str, width: int) -> Overlaps:
+def _read_built_in_picture(picture: str, width: int) -> Overlaps:
+    """Return the patterns of one of `PICTURES`, ``width`` pixels on a side, and which may be adjacent."""
     lines = PICTURES[picture].split()
-    free = np.array([[sign != "#" for sign in line] for line in lines])
-    return overlaps(np.repeat(255 * free[:, :, None], 3, axis=2).astype(np.uint8), width)
+    is_free = np.array([[sign != "#" for sign in line] for line in lines])
+    pixels = np.repeat(255 * is_free[:, :, None], 3, axis=2).astype(np.uint8)
+    return find_overlaps(pixels, width)
 
 
-def _read(folder: str, preset: Preset) -> Overlaps:
+def _read_picture_file(folder: str, preset: Preset) -> Overlaps:
+    """Return the patterns of a preset's picture in a folder of PNG files, and which may be adjacent.
+
+    Raises:
+        WorldError: if the folder is not a path, or the picture cannot be read or has an unsuitable size.
+    """
     from PIL import Image, UnidentifiedImageError  # only for pictures of the user's own
 
     if not isinstance(folder, str):
@@ -205,12 +217,15 @@ def _read(folder: str, preset: Preset) -> Overlaps:
         raise WorldError(
             f"the pattern {path} cannot be read as a picture ({error}); name a folder that has it with patterns"
         ) from None
-    return overlaps(pixels, preset.width)
+    return find_overlaps(pixels, preset.width)
 
 
 @kernel("(int32[::1], uint64[::1], int64[:, ::1])")
 def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
-    """Fill the grid with walls except the free cells (n, 2) of a layout; draw the start and the goal among them."""
+    """Fill the grid with walls except the free cells (n, 2) of a layout; draw the start and the goal among them.
+
+    The layout has no outer walls, so its cell (0, 0) is the grid's cell (1, 1).
+    """
     height = row[HEIGHT]
     for k in range(HEADER, HEADER + row[WIDTH] * height):
         row[k] = GREY_WALL

@@ -1,5 +1,7 @@
 """What is drawn, told from pixels and distances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,9 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.asset_files import OwnAssets
 from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
 from minihuman.worlds.first_person.render.drawing import render, render_depth, render_top, visible_things
-from minihuman.worlds.first_person.render.scene import Camera, MeshLook, Surface, build_scene
+from minihuman.worlds.first_person.render.scene import Camera, MeshLook, ShadowLook, Surface, build_scene
 from minihuman.worlds.pose import Pose
-from tests.worlds.first_person.render.stages import CAMERA, room, two_rooms
+from tests.worlds.first_person.render.stages import CAMERA, library, room, two_rooms
 
 
 def test_the_wall_ahead_is_as_far_as_it_is() -> None:
@@ -103,3 +105,12 @@ def test_a_thing_of_many_faces_is_drawn_as_its_pieces_are_wherever_it_is_partly_
             pictures.append(render(scene.at(np.array([place] * len(looks))), camera, 80, 60))
     whole, pieces = np.split(np.array(pictures), 2)
     np.testing.assert_array_equal(whole, pieces)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 2.0, -1.0])
+@pytest.mark.parametrize("pitch", [0.0, -0.3])
+def test_a_shadow_at_the_edge_of_the_picture_has_room_for_all_of_its_corners(yaw: float, pitch: float) -> None:
+    scene = build_scene([room(-2.0, 2.0, {})], [ShadowLook(2.0)], library=library(), places=np.zeros((1, 4)))
+    roomier = replace(scene, layout=replace(scene.layout, most_corners=40))
+    camera = Camera((-0.5, 1.2, 0.3), yaw, pitch)
+    np.testing.assert_array_equal(render(scene, camera, 80, 60), render(roomier, camera, 80, 60))
