@@ -59,9 +59,10 @@ from minihuman.experiment.machine.inputs import (
 )
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.picture_versions import may_draw_other_shadows, renders_same_images
 from minihuman.moved import forward_names
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION, SHADOWS_VERSION
+from minihuman.worlds.contract import CLAUSES_VERSION
 
 MACHINE_VERSION = 1  # increased when the same inputs give other events; logs record it
 _STOP_REASONS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
@@ -90,19 +91,6 @@ _LAST_EVENTS = 8  # the largest number of events at a session's end
 _MAX_SHOWN_CHARACTERS = 200  # of a field's value in the description of a difference
 _EXTERNAL_EVENTS = (Sampled, Linked, ModelCall, PictureCorrected)
 BROWSER_NOTE = "page"  # the kind of notes that come from a browser's page
-
-
-def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Return whether this version draws first-person worlds as the version that recorded a session's facts did."""
-    return facts.get("pictures", "1") == str(PICTURES_VERSION)
-
-
-def may_draw_other_shadows(facts: Mapping[str, str], options: Mapping[str, Any]) -> bool:
-    """Return whether a world's shadows may differ from those in a session with these facts.
-
-    Before version 2, a shadow that the edge of a picture cut off was drawn wrongly.
-    """
-    return bool(options.get("contact_shadows")) and facts.get("shadow_pictures", "1") != str(SHADOWS_VERSION)
 
 
 SeatFollower = Callable[[SessionMachine, ModelCall | None], str]  # see ``follow`` of `compare_replay`

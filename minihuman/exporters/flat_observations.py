@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.errors import ExportError, LogError, WorldError
-from minihuman.experiment.replay import renders_same_images
+from minihuman.experiment.picture_versions import renders_same_images
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_shared_options
 from minihuman.log.model.session_log import EpisodeLog

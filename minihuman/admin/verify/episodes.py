@@ -18,7 +18,8 @@ from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import EpisodeStarted, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
-from minihuman.experiment.replay import MACHINE_VERSION, may_draw_other_shadows, renders_same_images
+from minihuman.experiment.picture_versions import may_draw_other_shadows, renders_same_images
+from minihuman.experiment.replay import MACHINE_VERSION
 from minihuman.log.model.session_log import EpisodeLog, SessionLog, TeamRecord, pose_as_row
 from minihuman.log.paths import list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log

@@ -360,8 +360,8 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
         alternatives = [alternative for alternative in field["anyOf"] if alternative.get("type") != "null"]
         return " or ".join(dict.fromkeys(_describe_type(alternative, schema) for alternative in alternatives))
     if "prefixItems" in field:  # a tuple of fixed length, such as a size in pixels
-        nouns = dict.fromkeys(_describe_type(element, schema) for element in field["prefixItems"])
-        return "two " + " or ".join(_PLURALS[noun] for noun in nouns)
+        element_types = dict.fromkeys(_describe_type(element, schema) for element in field["prefixItems"])
+        return "two " + " or ".join(_PLURALS[element_type] for element_type in element_types)
     if field.get("type") == "array":
         nouns = _describe_type(field["items"], schema).split(" or ")
         plurals = [_PLURALS.get(noun, noun.replace("list ", "lists ")) for noun in nouns]
