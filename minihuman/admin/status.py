@@ -203,9 +203,9 @@ def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotati
 
 
 def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
-    """Yield a line for each annotation of an episode that no session can have.
+    """Yield a line for each annotation whose episode number is impossible in any session.
 
-    ``verify`` compares others with the plan.
+    Other episode numbers are not compared with the session's plan here, but by ``verify``.
     """
     for path, annotation in _read_all_annotations(folders):
         from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation

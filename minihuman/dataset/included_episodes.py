@@ -97,7 +97,7 @@ class IncludedEpisodes:
     def rows(self) -> Iterator[SessionRows]:
         """Yield the rows of every table for each selected session, reading several sessions in parallel.
 
-        Excluded rows carry their reason.
+        Excluded rows carry their reason. Before a session is yielded, the facts of each of its episodes are reported.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.

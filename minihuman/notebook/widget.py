@@ -93,7 +93,9 @@ def widget(
     keys: Mapping[str, str] | None = None,
     **options: Any,
 ) -> WorldWidget:
-    """Play a compiled world in a notebook's cell; ``.episode`` is the last episode, ``.save(STUDY)`` keeps all.
+    """Return a widget in which a person plays a compiled world in a notebook's cell.
+
+    Its ``episode`` is the latest episode, and ``save(folder)`` writes all episodes into a study's folder.
 
     Args:
         world: a Gymnasium id, of this package or of your own; the prefix ``minihuman/`` is optional.

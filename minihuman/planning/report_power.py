@@ -25,7 +25,7 @@ from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
 from minihuman.reporting.activity_sections import SectionSource, build_activity_sections
-from minihuman.reporting.analysed_rows import leave_out_goals
+from minihuman.reporting.analysed_rows import blank_goal_measures
 from minihuman.reporting.block_measures import assign_roles, list_default_measures, set_measures_aside, take_logarithms
 from minihuman.reporting.block_results import compare_measures, list_changes
 from minihuman.reporting.interactions import InteractionResults, compute_interaction
@@ -143,7 +143,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
     analysed = {block.name for block in protocol.blocks if block.analysed}
     rows = rows[rows["block"].isin(analysed)]
     if "episodes" in tables:
-        rows = leave_out_goals(rows, tables["episodes"], analysis)
+        rows = blank_goal_measures(rows, tables["episodes"], analysis)
     rows = rows.assign(person=rows["participant"])
     sampling_units = name_units(rows, find_units(tables["teams"]))["participant"]
     rows = unite_teams(rows, tables["teams"]).assign(drawn=sampling_units).reset_index(drop=True)

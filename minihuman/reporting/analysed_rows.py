@@ -52,10 +52,10 @@ def leave_out_discovery(blocks: pd.DataFrame, known_blocks: Collection[str]) -> 
     return blocks
 
 
-def leave_out_goals(blocks: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> pd.DataFrame:
-    """Return rows of blocks without measures of reaching a goal in blocks that have no goal.
+def blank_goal_measures(blocks: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> pd.DataFrame:
+    """Return rows of blocks in which the measures of reaching a goal are NaN in blocks that have no goal.
 
-    Measures that the protocol names are kept. ``episodes`` are the episodes of all blocks.
+    Measures that the protocol names keep their values. ``episodes`` are the episodes of all blocks.
     """
     named_measures = {*list_named_measures(analysis), *analysis.covariates}
     goal_measures = [name for name in GOAL_MEASURES if name in blocks and name not in named_measures]

@@ -26,10 +26,10 @@ from minihuman.reporting.activity_sections import (
     join_sections,
 )
 from minihuman.reporting.analysed_rows import (
+    blank_goal_measures,
     find_practice,
     is_practice,
     leave_out_discovery,
-    leave_out_goals,
     leave_out_navigation,
 )
 from minihuman.reporting.answers import state_answers
@@ -153,7 +153,7 @@ def _leave_out_practice(
     episodes = report_input.episodes[~is_practice(report_input.episodes, practice)]
     blocks = report_input.blocks[~is_practice(report_input.blocks, practice)]
     blocks = leave_out_discovery(blocks, find_blocks_without_discovery(_list_outlines(tables), report_input.protocols))
-    blocks = leave_out_goals(blocks, episodes, report_input.analysis)
+    blocks = blank_goal_measures(blocks, episodes, report_input.analysis)
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
     return leave_out_navigation(episodes, blocks, trial_blocks)
 

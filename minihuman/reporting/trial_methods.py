@@ -47,7 +47,7 @@ def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, 
 def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """Describe a block of trials except for its keys: what was shown, and when."""
     options = "".join(f", {name} = {option!r}" for name, option in sorted(list_shared_options(plan, spec).items()))
-    parts = [f"{_count_trials(plan, spec)} of {plan.world}{options}"]
+    parts = [f"{_describe_count(plan, spec)} of {plan.world}{options}"]
     stimuli = describe_stimuli(spec)
     if stimuli:
         parts.append(f"stimuli from {stimuli}")
@@ -55,7 +55,7 @@ def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
     return "; ".join(parts)
 
 
-def _count_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
+def _describe_count(plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """State the number of trials, and the criterion that can end the block earlier."""
     count = plan.episodes_in_block
     criterion = None if spec is None else spec.stop_criterion

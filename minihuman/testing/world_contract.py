@@ -369,11 +369,13 @@ def _check_end(world: World, seed: int) -> bool:
 def _describe_plan(world: World, seed: int) -> str:
     """Describe the shortest path that a world offers to simulated participants, or why it offers none."""
     world.reset(seed)
+    method = "shortest_path()"
     try:
         path = world.shortest_path()
+        method = "path_length_bounds()"
         bounds = world.path_length_bounds()
     except WorldError as error:
-        return f"shortest_path() says {error}; they play at random where it does"
+        return f"{method} raises {error}; simulated participants play at random where it does"
     if path is None:
         return (
             "only --player random, for the world has no shortest_path(self) -> list of actions; define it, and "

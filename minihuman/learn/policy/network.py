@@ -402,7 +402,16 @@ def build_policy(
     hidden: tuple[int, ...] = (64, 64),
     initial_std: float | None = None,
 ) -> Policy:
-    """Build a policy with fresh weights on the CPU; with ``initial_std``, an action is a vector of size ``actions``."""
+    """Build a policy with fresh weights on the CPU, for discrete actions or for vectors.
+
+    Args:
+        observation_space: the space of observations.
+        actions: the number of discrete actions, or the size of the vectors.
+        eyes: the encoder of observations.
+        memory: whether the policy has a recurrent layer.
+        hidden: the sizes of the hidden layers.
+        initial_std: the standard deviation with which vectors are drawn at first; None for discrete actions.
+    """
     settings: dict[str, Any] = get_policy_settings(eyes, hidden)
     if initial_std is None:
         policy = Policy(observation_space, spaces.Discrete(actions), lambda _: 3e-4, **settings)

@@ -97,7 +97,7 @@ class MessageColumns(Mapping[str, FieldColumn]):
                 positions[row] = _skip_unknown_field(data, int(positions[row]), int(ends[row]))
         if canonical:
             for field in self._fields.values():
-                self.is_canonical &= field.find_canonical()
+                self.is_canonical &= field.mark_canonical()
 
     def __getitem__(self, name: str) -> FieldColumn:
         if name not in self._read:
@@ -169,10 +169,10 @@ class _Field:
         self.is_present[rows] = True
         positions[rows] = cursors
 
-    def find_canonical(self) -> NDArray[np.bool_]:
+    def mark_canonical(self) -> NDArray[np.bool_]:
         """Return bool[n], whether the field, if present, has the bytes that protobuf writes for its value.
 
-        It is False for numbers of ten bytes, which are negative.
+        It is False for numbers of ten bytes, negative ones and the largest unsigned ones, whose bytes are not judged.
         """
         assert self._varint_bytes is not None
         numbers = self._lengths.view(np.uint64) if self._wire_type == _LENGTH else self._numbers

@@ -175,7 +175,11 @@ class SessionLeases:
             self.release(lease)
 
     def _recover_ended(self, part: Path, lease: Lease) -> FinalizedLog | None:
-        """Finish a live file whose session has ended; put it aside if it is not what the last holder acknowledged."""
+        """Finish a live file whose session has ended, and return the finished log.
+
+        A file that differs from the copy in the database, which its last holder acknowledged, is put aside instead, and
+        the result is None.
+        """
         if self._table.read_files(lease.session).get(part.name) != part.read_bytes():
             put_aside(part, SUPERSEDED)
         if not part.exists():

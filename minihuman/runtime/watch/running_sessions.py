@@ -156,7 +156,9 @@ class LiveSession:
                     self.completed += 1
 
     def facts(self, silent_s: float = 0.0) -> dict[str, object]:
-        """Return the facts for the page, with times in seconds or ms.
+        """Return what the experimenter's page shows about the session, by name; empty before the session's start.
+
+        Names that end in ``_s`` are times in seconds, those in ``_ms`` in milliseconds.
 
         Args:
             silent_s: the time since the latest event, in seconds.

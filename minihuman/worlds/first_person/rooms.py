@@ -67,10 +67,10 @@ class RoomOutline:
 
 @lru_cache(maxsize=KEPT)
 def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
-    """Return the outline with given corners (x, z).
+    """Return the outline with given corners (x, z), the last of which is joined to the first.
 
     Raises:
-        WorldError: if the outline does not close.
+        WorldError: if there are fewer than 3 corners, or an edge has no length or an infinite one.
     """
     if len(corners) < 3:
         raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")

@@ -75,7 +75,13 @@ def build_stairs(
 
 
 def _count_steps(low: float, high: float, steps: int | None, step_height: float) -> int:
-    """Return the number of steps from one height to another: ``steps``, or as many as are at most `STEP_M` high.
+    """Return the number of steps of stairs from one height to another, in metres.
+
+    Args:
+        low: the lower height.
+        high: the upper height.
+        steps: the number that the author wants; None for the fewest steps that are at most `STEP_M` high.
+        step_height: the highest step that a body climbs.
 
     Raises:
         WorldError: if there are fewer than 2 steps, or a step is higher than a body climbs.

@@ -255,7 +255,15 @@ class ExploredFloor:
         return np.array(rows, np.float64).reshape(-1, 3)
 
     def _sees(self, thing: Entity, eye: NDArray[np.float64], tangent: float) -> bool:
-        """Return whether the agent sees a thing: it is not below the picture, and no wall or thing hides it."""
+        """Return whether the agent sees a thing in the direction of its view, if no wall or thing hides it.
+
+        A thing whose top lies below the lower edge of the picture is not seen.
+
+        Args:
+            thing: the thing.
+            eye: the position (x, z) of the agent's camera.
+            tangent: the tangent of half of the camera's vertical angle of view.
+        """
         agent = self._world.agent
         distance = math.hypot(thing.pos[0] - eye[0], thing.pos[2] - eye[1])
         top = thing.pos[1] + thing.height - agent.pos[1] - agent.cam_height

@@ -8,6 +8,7 @@ from minihuman.worlds.grid.layout import MOST_TRIES, from_text
 from minihuman.worlds.grid.own.expressions import Expressions
 from minihuman.worlds.grid.own.source_names import GRID, Symbol, item_numbers
 
+_GREY_WALL = (2, 5, 0, 0, -1, -1, -1, -1)  # the numbers of a wall, as `item_numbers` lists them
 _NAMED_ONLY = 9  # the position of arguments that are given by name only; no call has so many
 
 
@@ -77,22 +78,28 @@ class LayoutCalls(Expressions):
         h = self._argument(node, 3, "height", f"(rt.height(c) - {y})")
         return f"rt.wall_rect(c, {place}, {x}, {y}, {w}, {h})"
 
-    def _line(self, node: ast.Call, place: int, dx: int) -> str:
-        """Return the translation of a call that puts items along a line; ``dx`` is 1 for a row and 0 for a column."""
+    def _translate_line(self, node: ast.Call, place: int, dx: int) -> str:
+        """Return the translation of a call that puts items along a line.
+
+        Args:
+            node: the call.
+            place: the number of the call's place in the rules.
+            dx: 1 for a row, 0 for a column.
+        """
         x = self._argument(node, 0, "x", "0")
         y = self._argument(node, 1, "y", "0")
         to_edge = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
         length = self._argument(node, 2, "length", to_edge)
-        item_text = self._argument(node, 3, "item", repr((2, 5, 0, 0, -1, -1, -1, -1)))
+        item_text = self._argument(node, 3, "item", repr(_GREY_WALL))
         if "None" in (length, item_text):
             self.refuse(node, "None as an argument", "leave it out")
         return f"rt.put_line(c, {place}, {item_text}, {x}, {y}, {dx}, {1 - dx}, {length})"
 
     def _grid_across(self, node: ast.Call, place: int) -> str:
-        return self._line(node, place, 1)
+        return self._translate_line(node, place, 1)
 
     def _grid_down(self, node: ast.Call, place: int) -> str:
-        return self._line(node, place, 0)
+        return self._translate_line(node, place, 0)
 
     def _grid_put(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("item", "x", "y"))]
