@@ -66,7 +66,8 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
         imported_slot = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
         if imported_slot is None:
             plan = _plan_session(episodes, study.name, len(taken_slots))
-            register.append(build_imported_slot(plan, plan.participant.index, _IMPORTED + digest))
+            index = plan.participant.index
+            register.append(build_imported_slot(plan, index, _IMPORTED + digest, list_length=index + 1))
         else:
             plan = _plan_session(episodes, study.name, imported_slot.index)
     if SegmentPath.of_plan(study.parent, plan).log.exists():

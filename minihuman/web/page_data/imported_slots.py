@@ -28,18 +28,19 @@ def require_only_imported(taken_slots: Iterable[SlotTaken], study: Path, source:
             )
 
 
-def build_imported_slot(plan: SessionPlan, index: int, reason: str) -> SlotTaken:
+def build_imported_slot(plan: SessionPlan, index: int, reason: str, *, list_length: int) -> SlotTaken:
     """Return the entry of the enrolment log for the participant of an imported session.
 
     Args:
         plan: the session's plan.
         index: the slot's index in the allocation list, from 0.
         reason: the source and the digest of the imported data.
+        list_length: the length of the allocation list whose digest the plan has.
     """
     participant = plan.participant
     return SlotTaken(
         plan.allocation_sha256 or "",
-        index + 1,
+        list_length,
         index,
         participant.id,
         participant.group,

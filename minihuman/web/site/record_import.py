@@ -111,7 +111,9 @@ def _import_record(record: SiteRecord, study: Path, protocol: Protocol) -> Impor
         if SegmentPath.of_plan(study.parent, plan).log.exists():
             return ImportedRecord(record.id, None, notes=("imported before",))
         if imported_slot is None:
-            register.append(build_imported_slot(plan, record.slot, _IMPORTED + record.digest))
+            reason = _IMPORTED + record.digest
+            list_length = protocol.study.participants
+            register.append(build_imported_slot(plan, record.slot, reason, list_length=list_length))
     if n_taken_before and imported_slot is None:
         notes.append(f"slot {record.slot + 1} was taken {n_taken_before} times before, so that groups may be uneven")
     if record.missing:

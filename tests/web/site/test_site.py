@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import msgspec
 import pytest
 
 import minihuman
 from minihuman import study_site
+from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web.site.record_import import ImportedRecord, import_records
 from minihuman.web.site.site_error import SiteError
@@ -124,6 +127,17 @@ def test_a_second_participant_of_a_slot_is_another_participant(played, tmp_path)
     first, second = import_record(played, tmp_path, played.record, other)
     assert {first.log.parts[-3], second.log.parts[-3]} == {"sub-01", "sub-100001"}
     assert "slot 1 was taken 1 times before" in second.text
+
+
+@needs("chromium")
+@pytest.mark.program
+def test_an_imported_slot_is_of_the_protocols_own_allocation_list(played, tmp_path):
+    import_record(played, tmp_path)
+    protocol = read_protocol(played.protocol)
+    (slot,) = read_enrolled(tmp_path / "thin")
+    study = msgspec.structs.replace(protocol.study, participants=slot.list_length)
+    slots = build_allocation_list(msgspec.structs.replace(protocol, study=study))
+    assert slot.allocation_sha256 == allocation_sha256(slots)
 
 
 @needs("chromium")
