@@ -245,24 +245,19 @@ class _ArrayPool:
     """Numbers distinct arrays and keeps each of them once."""
 
     def __init__(self) -> None:
-        self.kinds: list[str] = []
-        self._numbers: dict[bytes, int] = {}
+        self._numbers: dict[tuple[str, bytes], int] = {}  # by data type and content
 
     def number(self, array: NDArray[Any]) -> int:
         """Return an array's number, adding the array if it is new."""
-        content = array.tobytes()
-        if content not in self._numbers:
-            self._numbers[content] = len(self._numbers)
-            self.kinds.append(str(array.dtype))
-        return self._numbers[content]
+        return self._numbers.setdefault((str(array.dtype), array.tobytes()), len(self._numbers))
 
     def extents(self) -> Iterator[tuple[str, int]]:
         """Yield the data type and the number of bytes of each array, in order of their numbers."""
-        return zip(self.kinds, map(len, self._numbers), strict=True)
+        return ((kind, len(content)) for kind, content in self._numbers)
 
     def join(self) -> bytes:
         """Return the bytes of all arrays in order of their numbers."""
-        return b"".join(self._numbers)
+        return b"".join(content for _, content in self._numbers)
 
 
 def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
