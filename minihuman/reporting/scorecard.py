@@ -52,11 +52,9 @@ class Costs:
     declined: int = 0  # sessions in which it declined consent
 
     def add(self, further: "Costs") -> "Costs":
-        """Return the sum of these and further costs; the currency is "mixed" if it differs."""
-        if self.currency and self.currency != further.currency:
-            currency = "mixed"
-        else:
-            currency = further.currency
+        """Return the sum of these and further costs; the currency is "mixed" if both have one and it differs."""
+        currencies = {currency for currency in (self.currency, further.currency) if currency}
+        currency = "mixed" if len(currencies) > 1 else "".join(currencies)
         sums = {}
         for cost_field in fields(Costs):
             name = cost_field.name

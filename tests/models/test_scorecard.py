@@ -204,6 +204,7 @@ def test_what_a_model_cost_in_several_studies_is_added_up(tmp_path: Path) -> Non
     costs = next(line.costs for line in card.players if line.player == "model:scripted")
     assert (costs.calls, costs.price, costs.currency) == (72, pytest.approx(72 * 1000 / 1e6), "EUR")
     assert costs.add(Costs(price=1.0, currency="USD")).currency == "mixed"
+    assert costs.add(Costs()).currency == Costs().add(costs).currency == "EUR"  # a session without a call costs nothing
 
 
 def test_policies_of_one_file_name_in_two_folders_are_two_players() -> None:
