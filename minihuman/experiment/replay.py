@@ -107,7 +107,7 @@ def compare_replay(
 
     Events of devices are skipped. A segment that was cut off is compared up to its end. First-person observations of an
     earlier renderer, and subgoals that worlds did not report when the log was recorded, are not compared. ``follow`` is
-    called with each model call, to compare it, and with None after each input; without it, model calls are skipped.
+    called with each model call, returns how it differs or "", and with None after each input; None skips model calls.
     ``picture_px`` is the largest picture of screens; without it none is drawn.
 
     Raises:
@@ -195,7 +195,7 @@ class _EventComparison:
         return world
 
     def take_replayed(self, logged: Event, expected: deque[Event]) -> Event:
-        """Remove and return the replayed event to compare with a logged one.
+        """Remove from ``expected``, and return, the replayed event to compare with a logged one.
 
         Subgoals that the log's version did not report are skipped.
         """
@@ -205,7 +205,7 @@ class _EventComparison:
         return replayed
 
     def find_difference(self, logged: Event, replayed: Event) -> str:
-        """Describe how an event differs from its replay; "" if it does not."""
+        """Return a text on how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
             is_drawn_here = self._is_drawn_here.get(logged.plan.world, False)
             self._skips_hashes = is_drawn_here and not self._has_same_images
@@ -288,7 +288,7 @@ def _is_external(event: Event) -> bool:
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: bool) -> list[Event]:
-    """Feed the session the input that must have preceded the first of the coming events; return the session's events.
+    """Feed the session the input that led to the first of the coming events; return the events that it then emits.
 
     Without ``draws``, a screen is built only if it is read.
     """

@@ -42,7 +42,7 @@ class ReplayTimeline:
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Build a session's timeline; ``aligned_ns`` has the starts that `align_episode_starts` returns."""
+        """Return a session's timeline; ``aligned_ns`` is by `align_episode_starts`, or None for a single session."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -80,7 +80,7 @@ class ReplayTimeline:
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """Return the start in nanoseconds of each episode number on a timeline that several sessions share.
+    """Return, by episode number, the start in nanoseconds on a timeline that several sessions share.
 
     Each number starts a second after the longest episode of the number before it.
     """
@@ -125,7 +125,7 @@ def build_facts_page(log: SessionLog) -> str:
 
 
 def _describe_segments(log: SessionLog) -> str:
-    """Describe where each segment begins on the session's clock."""
+    """Return a phrase with the number of segments and, if there are several, the session time at which each begins."""
     if len(log.segments) == 1:
         return "one segment"
     begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
@@ -133,7 +133,7 @@ def _describe_segments(log: SessionLog) -> str:
 
 
 def _format_episode_row(episode: EpisodeLog) -> str:
-    """Format an episode as a row of the facts page's table."""
+    """Return an episode as a row, in Markdown, of the table of episodes on the facts page."""
     plan = episode.plan
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (
@@ -175,7 +175,7 @@ def session_root(log: SessionLog) -> str:
 
 
 def send_session(recording: rr.RecordingStream, log: SessionLog, timeline: ReplayTimeline) -> None:
-    """Send everything except the participant's view to the recording."""
+    """Send everything about a session except the participant's view to the recording."""
     root = session_root(log)
     recording.log(
         f"{root}/facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True
@@ -325,19 +325,19 @@ def _send_lines(
 
 
 def _find_moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the indices of an episode's first row and of each row whose position differs from the previous one."""
+    """Return the index of the first of an episode's positions (n, 2), and of each that differs from the one before."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
 def _find_arrow_length(episode: EpisodeLog) -> float:
-    """Return the length of the arrow that shows the agent's direction of view."""
+    """Return the length of the arrow of the agent's heading, in the map's unit; without a map, in metres."""
     if episode.start.map is None:
         return _ARROW_LENGTHS["m"]
     return _ARROW_LENGTHS[episode.start.map.unit]
 
 
 def _build_strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """Return a line strip through the positions of each window of rows [begin, end), as an Arrow array for rerun."""
+    """Return, as an Arrow array, a line strip for each window [begin, end) through these rows of positions (n, 2)."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -393,7 +393,7 @@ def _send_scalars(
     times_ns: Sequence[NDArray[np.int64]],
     scalars: Sequence[NDArray[np.float64]],
 ) -> None:
-    """Send a series of numbers with its style; times and numbers are given episode by episode."""
+    """Send a series of numbers with its style; ``times_ns`` and ``scalars`` have an array for each episode."""
     if not times_ns:
         return
     recording.log(path, style, static=True)
@@ -422,7 +422,7 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, timeli
 
 
 def _find_key_state(press: KeyPressed) -> str:
-    """Return the state of a key's lane after a press; "" after a release."""
+    """Return the state that a key event gives the key's lane: the verdict on a press, "" for a release."""
     if press.down:
         return press.verdict
     return ""
@@ -482,7 +482,7 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, time
 
 
 def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
-    """Return the time, level and text of a line about a key press."""
+    """Return the time in ns, the log level and the text of the line about a key press."""
     level = "WARN"
     if press.verdict in ("accepted", "queued"):
         level = "INFO"
@@ -490,7 +490,7 @@ def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
 
 
 def _list_episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
-    """Return the time, level and text of the lines about an episode's start and end."""
+    """Return the time in ns, the log level and the text of the lines about an episode's start and end."""
     plan = episode.plan
     n_steps = len(episode.actions)
     start = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"

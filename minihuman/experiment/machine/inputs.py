@@ -92,7 +92,7 @@ class PointerInput(TimedInput):
     x: float
     y: float
     target: str = ""
-    along: float = 0.0  # 0..1 from the spot's start, in reading direction
+    along: float = 0.0  # 0 to 1 from the target's start, in reading direction
     cause: PointerCause = "finger"
 
 
@@ -223,7 +223,7 @@ def precedes_due_changes(happened: Input, facts: Mapping[str, str]) -> bool:
 
     Args:
         happened: the input.
-        facts: the session's facts, which include the version of the rules for trials.
+        facts: the facts of `SessionStarted`, which include "trial_rules", the version of the rules for trials.
     """
     if isinstance(happened, SoundStarted):
         return facts.get("trial_rules", "1") == TRIAL_RULES

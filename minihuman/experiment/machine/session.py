@@ -162,7 +162,7 @@ class SessionMachine:
 
     @property
     def end_detail(self) -> str:
-        """Return the details of the end, such as the error of a failed world; never shown to a participant."""
+        """Return the details of the end, such as a failed world's error, or ""; never shown to a participant."""
         return self._end_detail
 
     @property
@@ -176,7 +176,7 @@ class SessionMachine:
 
     @property
     def play(self) -> RunningEpisode | None:
-        """Return the running episode, for simulated participants that read its world; None between episodes."""
+        """Return the running episode, for simulated participants that read its world; None if none is being played."""
         if self._phase is Phase.PART and (part := self._parts.part).playing:
             return part.play
         return None
@@ -277,7 +277,7 @@ class SessionMachine:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Process everything that is due before an input at a time.
+        """Process everything that is due before an input whose time is ``t_ns``.
 
         The time for which Escape is held is measured by the inputs' own times, so that a machine that stalls during a
         short press does not end the session.

@@ -20,7 +20,7 @@ def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArra
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
     """Return a function that returns the first random numbers in [0, 1) of the stream (seed, purpose, index).
 
-    Its argument is their number; it returns the same numbers at each call.
+    Its argument is how many numbers it returns; each call begins at the first number of the stream.
     """
 
     def draw(count: int) -> tuple[float, ...]:

@@ -140,7 +140,7 @@ def _find_unknown_conditions(protocol: Protocol, levels: list[str]) -> Iterator[
 
 
 def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
-    """Return the levels of each label in a protocol's tables of stimuli, in any group."""
+    """Return, by label, the levels of each label in a protocol's tables of stimuli, in any group."""
     levels: dict[str, list[Any]] = {}
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
@@ -266,7 +266,7 @@ def _try_options(block: BlockSpec, options: dict[str, Any]) -> str:
 
 
 def _play_trial(world: World, action: int, max_steps: int) -> None:
-    """Reset a world and repeat an action until the trial ends, for at most a number of steps."""
+    """Reset a world and repeat an action until the trial ends, for at most ``max_steps`` steps."""
     world.reset(0)
     for _ in range(max_steps):
         step = world.step(action)
@@ -377,12 +377,12 @@ def _list_timeline_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str
 
 
 def _make_constant_draw(share: float) -> DrawShare:
-    """Return a function that draws the same random share, 0 to 1, for each place in a timeline."""
+    """Return a function that returns ``share``, 0 to 1, as the random number of each place in a timeline."""
     return lambda place: share
 
 
 def _describe_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
-    """Describe a trial that lasts too long for the timeline's ``soa_ms``; return "" for any other trial."""
+    """Return a message about a trial that lasts too long for the timeline's ``soa_ms``; "" for any other trial."""
     assert block.timeline is not None
     soa_ms = block.timeline.soa_ms
     if not soa_ms or schedule.end_ns is None:

@@ -76,7 +76,7 @@ def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -
 
 
 def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
-    """Decode a protocol, and convert any exception that a parser raises to a ProtocolError of one line."""
+    """Return the result of `_decode_tree`; convert any exception of a parser to a ProtocolError of one line."""
     try:
         return _decode_tree(toml, source, files, rules)
     except ProtocolError:
@@ -287,7 +287,13 @@ def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
 
 
 def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any]) -> list[ProtocolField]:
-    """Return the fields of a table, in the order of its struct."""
+    """Return the fields of a table, in the order of its struct.
+
+    Args:
+        table: the table's path, such as "blocks.agent".
+        definition: the table's JSON schema.
+        schema: the JSON schema of the whole protocol.
+    """
     fields = []
     for name, field in definition["properties"].items():
         is_required = name in definition.get("required", ())

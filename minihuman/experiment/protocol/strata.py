@@ -51,7 +51,7 @@ class Strata:
         return self.part
 
     def of(self, answer: Any) -> str:
-        """Return the stratum of a decoded answer, which is None if the participant skipped the question."""
+        """Return the stratum of an answer: a code, a number, or None if the participant skipped the question."""
         if answer is None:
             return NO_ANSWER
         if not self.cuts:
@@ -60,7 +60,7 @@ class Strata:
         return self.names[n_reached_cuts]
 
     def find_stratum(self, events: Iterable[Event]) -> str | None:
-        """Return a participant's stratum from the answers up to the first completion of the part; None before that."""
+        """Return the stratum by a session's answers up to the first completion of the part; None before that."""
         answer: Any = None
         is_correct: dict[str, bool] = {}  # by question: whether the answer at the first attempt was correct
         part_index: int | None = None

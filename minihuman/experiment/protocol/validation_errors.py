@@ -141,7 +141,7 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
 
 
 def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> Iterator[FieldError]:
-    """Yield an error for each field of a table whose value is out of bounds."""
+    """Yield an error for each value of the table ``spec`` that is out of its bounds; ``path`` is the table's path."""
     for field, least, most in bounds:
         number = getattr(spec, field)
         if not least <= number <= most:
@@ -149,7 +149,7 @@ def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> It
 
 
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
-    """Return a hint that suggests the most similar known name, or lists all of them."""
+    """Return a hint with the known name that is most similar to a wrong one, or with all names if none is similar."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
     if close:
@@ -158,7 +158,7 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
 
 
 def format_value(value: object) -> str:
-    """Format a value for a message, shortened if it is long."""
+    """Return a value as text for a message, shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value)
