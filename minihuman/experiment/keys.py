@@ -291,7 +291,7 @@ def assign_keys(actions: Sequence[str]) -> dict[str, str]:
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
-    """Return the action of each key, as `assign_keys` does; a world's no-op gets no key unless it is the only action."""
+    """Return the action of each key, as `assign_keys`; a world's no-op gets no key unless it is the only action."""
     noop = find_noop(world)
     names = [world.action_names[number] for number in world.actions.numbers]
     return assign_keys([name for name in names if name != noop or len(names) == 1])
@@ -306,7 +306,8 @@ def find_noop(world: "World") -> str | None:
 def find_period_ms(world: "World") -> float | None:
     """Return the time between the steps of a real-time world in milliseconds, from its frame rate; None for others.
 
-    A world counts as real-time if its actions are vectors or if one of them is to do nothing.
+    A world counts as real-time if its actions are vectors or if one of them is to do nothing. The time is limited to
+    the range from 1/60 s to 1 s.
     """
     if world.actions.is_discrete and find_noop(world) is None:
         return None

@@ -114,7 +114,7 @@ def draw_label(
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
-    """Write a film of one or all episodes, or a contact sheet if the file is a ``.png``.
+    """Write a film of one or all episodes, or a contact sheet if the file is a ``.png``; return the file's path.
 
     Args:
         log: the session.
@@ -123,7 +123,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
     Raises:
         LogError: if the format is unknown, there is no such episode or no step, or a world no longer shows what the
-            participant saw.
+            participant saw and the log has no pictures.
         WorldError: if a world cannot be run here, and the log has no pictures.
         OSError: if the file cannot be written.
     """
@@ -152,7 +152,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 
 def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
-    """Return the last attempt at the episode of a given number in a list; if it is None, every episode with a step.
+    """Return a list with the last attempt at the episode of a number; if that is None, all episodes with a step.
 
     Raises:
         LogError: if there is no such episode, or no step to film.

@@ -21,7 +21,7 @@ BACKGROUND = "#24272c"
 
 
 def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
-    """Redraw the pictures of an episode, uint8[H, W, 3], as the participant in another seat of the team saw them.
+    """Return the pictures of an episode, uint8[H, W, 3], redrawn as the participant in ``seat`` of the team saw them.
 
     The first is that of the reset, followed by one for each of the team's steps; only the reset's if the episode has
     no team. They are not checked.

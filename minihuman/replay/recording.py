@@ -137,16 +137,16 @@ FIRST_BYTES = 2**20  # rerun waits forever if a disk has no room for a recording
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
-    """Write sessions to one ``.rrd`` file; the n-th episodes of several sessions begin together on a shared timeline.
+    """Write sessions to one ``.rrd`` file, and return its path.
 
-    With ``with_view``, what the participant saw is added: redrawn by the worlds or as stored, and checked against the
-    log.
+    The n-th episodes of several sessions begin together on a shared timeline. With ``with_view``, what the participant
+    saw is added: redrawn by the worlds or as stored, and checked against the log.
 
     Raises:
         LogError: if there is no session, or one session twice, or if a world no longer shows what the participant saw
             and the log has no pictures.
         WorldError: if a world cannot be run here, and the log has no pictures.
-        OSError: if the file cannot be written or the disk is full; no recording is then left.
+        OSError: if the file cannot be written or the disk is full; a recording that cannot be completed is removed.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
@@ -191,7 +191,7 @@ def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
 
 
 def _make_write_error(path: Path, *, is_full: bool) -> OSError:
-    """Return the error for a file that could not be written because its disk is full, or for an unknown reason."""
+    """Return the error for a file that could not be written; without ``is_full`` the reason is unknown."""
     error_number = errno.ENOSPC if is_full else errno.EIO
     return OSError(error_number, os.strerror(error_number), str(path))
 

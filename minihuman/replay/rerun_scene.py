@@ -33,16 +33,16 @@ ALIGNED = "aligned_time"  # for several sessions, whose n-th episodes begin toge
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayTimeline:
-    """The times of one session's rows."""
+    """The times of one session's rows and episodes, in nanoseconds since the session began."""
 
-    row_t_ns: NDArray[np.int64]  # every pose of every episode
-    start_t_ns: NDArray[np.int64]  # (episodes,)
+    row_t_ns: NDArray[np.int64]  # of every pose of every episode
+    start_t_ns: NDArray[np.int64]  # (episodes,) of each episode's first pose
     numbers: NDArray[np.int64]  # (episodes,) 1 for the session's first
     aligned_ns: NDArray[np.int64] | None  # (episodes,) their starts on the timeline of several sessions, if any
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Return a session's timeline; ``aligned_ns`` is by `align_episode_starts`, or None for a single session."""
+        """Return a session's timeline; ``aligned_ns`` is from `align_episode_starts`, or None for a single session."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -58,7 +58,7 @@ class ReplayTimeline:
         return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
-        """Return the values of each of rerun's timelines at given times, in nanoseconds since the session began."""
+        """Return a column for each of rerun's timelines with its values at ``t_ns``, ns since the session began."""
         times = np.asarray(t_ns, np.int64)
         indices = np.searchsorted(self.start_t_ns, times, side="right") - 1  # of episodes; -1 before the first
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1

@@ -153,7 +153,7 @@ class TypedWindow(abc.ABC):
         """Return the time on the window's clock, in nanoseconds."""
 
     def hear(self, count: int) -> list[Input]:
-        """Wait for the next ``count`` inputs and return them; return fewer if they do not come within ten seconds."""
+        """Wait until ``count`` or more inputs have arrived, but at most ten seconds, and return all that arrived."""
         heard: list[Input] = []
         until_ns = self.now_ns() + 10 * SECOND
         while len(heard) < count and self.now_ns() < until_ns:

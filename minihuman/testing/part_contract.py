@@ -117,7 +117,7 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
 
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
-    """Check two equal sessions in memory and one that is logged; yield the events of a session in memory."""
+    """Check a study by two equal sessions in memory and a logged one; then yield the events of a session in memory."""
     events = _run_study(protocol)
     repeated_events = _run_study(protocol)
     is_repeatable = repr(events) == repr(repeated_events)

@@ -249,7 +249,7 @@ class Activity(abc.ABC):
 
     @abc.abstractmethod
     def screen(self) -> Screen:
-        """Build the present screen."""
+        """Return the present screen."""
 
     def describe_steering(self, play: RunningEpisode) -> Steering | None:
         """Return who controls a running episode; None if no agent plays."""
@@ -361,7 +361,7 @@ class ActivityKind:
 
     @property
     def plan_fields(self) -> tuple[str, ...]:
-        """Return the names of the fields of a part's plan; a table of the same name in a block fills a field."""
+        """Return the names of the fields of a part's plan; a table of a block fills the field that has its name."""
         return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
@@ -415,5 +415,5 @@ def build_activity(number: int, part: PlannedPart, context: SessionContext) -> A
 
 
 def needs_no_server(part: PlannedPart) -> Iterable[str]:
-    """Return no clauses; the ``find_server_needs`` of a kind whose parts a page can run without a server."""
+    """Return (), as a page can run the part without a server; a kind may use this as its ``find_server_needs``."""
     return ()

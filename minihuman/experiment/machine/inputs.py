@@ -218,8 +218,8 @@ _PRECEDING = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)
 def precedes_due_changes(happened: Input, facts: Mapping[str, str]) -> bool:
     """Return whether an input is processed before everything that is due by its time, rather than after it.
 
-    Most such inputs report something that has already happened, such as the display of a screen or the start of a
-    sound.
+    Most inputs that are processed before it report something that has already happened, such as the display of a screen
+    or the start of a sound.
 
     Args:
         happened: the input.

@@ -31,7 +31,7 @@ def read_alteration(note: Noted) -> str:
 
 
 def list_page_alterations(events: Iterable[Event]) -> list[str]:
-    """List the alterations of a browser's page that a session's notes report, each once, in alphabetical order.
+    """Return the alterations of a browser's page that a session's notes report, each once, in alphabetical order.
 
     "consent text" is among them if a text was altered or translated while the consent text was shown. Events that are
     no notes are skipped.

@@ -303,7 +303,7 @@ class RunningEpisode:
         return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
     def _step_held(self, t_ns: int) -> Stepped | None:
-        """Make a step with the keys that are down or were pressed since the last tick, so that no press is lost.
+        """Make a step with the keys down or pressed since the last tick; return None without key, axis and no-op.
 
         The latest of these keys is the step's key; it counts as a response only at the first tick after its press.
         """
@@ -358,10 +358,10 @@ class RunningEpisode:
         """Make one step of the world and return its event; the plan's step limit counts as a truncation.
 
         Args:
-            t_ns: the present time.
+            t_ns: the present session time.
             action: an action number, or a vector if actions are vectors.
             key: the key that caused the step; "" for none.
-            key_t_ns: the time of the key press.
+            key_t_ns: the time of the key press; ``t_ns`` without a key.
             held_keys: the keys pressed since the last tick, if held keys make steps; other keys answer no picture.
         """
         assert self.started, "call start() before the first step"
@@ -472,7 +472,7 @@ def _build_click_vector(world: "World", spot: "SpotBinding", x: float, y: float)
     """Build the action vector of a click at (x, y), each 0 to 1 of the picture from its top left corner.
 
     Raises:
-        WorldError: if the world lacks the action that the click also makes.
+        WorldError: if the world lacks ``spot.action``, the action that the click also makes.
     """
     action = 0
     if spot.action:

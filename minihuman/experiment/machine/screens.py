@@ -138,7 +138,7 @@ class Widget(abc.ABC):
     def list_likely_inputs(self) -> Iterator[str]:
         """Yield the names of likely inputs, such as "key:1" or "point:option:0", likeliest first; none by default.
 
-        A page is sent the screens to which they lead before they happen.
+        A page receives the screens to which these inputs lead before the inputs happen.
         """
         yield from ()
 

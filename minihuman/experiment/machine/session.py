@@ -109,7 +109,7 @@ class SessionMachine:
         self._reset(plan)
 
     def _reset(self, plan: SessionPlan) -> None:
-        """Return to the state before the first input."""
+        """Put the session into the state before the first input of a session with this plan."""
         self.plan = plan
         self.failure: BaseException | None = None  # the exception of a world that failed
         self._phase = Phase.START
@@ -188,7 +188,7 @@ class SessionMachine:
 
     @property
     def next_part(self) -> int | None:
-        """Return the index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the one that has ended; None if the session ends."""
         return self._parts.next_part
 
     @property
@@ -428,7 +428,7 @@ class SessionMachine:
     # Moving on
 
     def _move(self, cause: TransitionCause, pause_reason: PauseReason | None = None) -> bool:
-        """Move to the phase that follows for a cause in the transition table; return False if no row applies.
+        """Move to the phase that follows for a cause in the transition table; return whether one of its rows applies.
 
         ``pause_reason`` is logged if a part is suspended; by default, it is that of the cause.
         """

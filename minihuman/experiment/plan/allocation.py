@@ -124,7 +124,7 @@ def _digest_slots(slots: tuple[AllocationSlot, ...]) -> str:
 def _count_draws(protocol: Protocol) -> int:
     """Return the number of draws of key maps.
 
-    There is one for each position in a group's blocks, or one for each block if the protocol lists parts otherwise.
+    There is one for each position in the groups' lists of blocks or, if the protocol lists parts, one for each block.
     """
     if protocol.lists_parts:
         return len(protocol.blocks)
@@ -174,7 +174,7 @@ def _draw_order(
 
 
 def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
-    """Build orders of ``count`` elements, balanced for position and for immediate succession.
+    """Return orders of the elements 0 to count - 1, balanced for position and for immediate succession.
 
     There are as many rows as elements if that number is even, and twice as many if it is odd (Williams 1949).
     """
@@ -191,7 +191,7 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> AllocationSlot:
-    """Return the slot of a participant at an index of the list, or of a stratum's list.
+    """Return the slot at an index of the allocation list, or of the list of ``stratum`` in a study with strata.
 
     In a study with strata, None stands for the first stratum.
 
@@ -219,9 +219,10 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
 
 
 def _draw_groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
-    """Draw the index of the group of each of ``count`` slots, in permuted blocks of varying size.
+    """Return the index of the group of each of ``count`` slots, drawn in permuted blocks of varying size.
 
-    A permuted block has each group one to three times, multiplied by the group's allocation ratio.
+    A permuted block has each group one to three times, multiplied by the group's allocation ratio. ``suffix`` names the
+    random streams of a stratum.
     """
     seed = protocol.study.seed
     groups: list[int] = []

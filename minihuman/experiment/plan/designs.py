@@ -75,7 +75,7 @@ class Design(ABC):
 
         Args:
             history: the block's episodes so far, the latest last.
-            draw: returns as many random numbers as it is asked for.
+            draw: returns as many random numbers in [0, 1) as its argument asks for.
         """
 
 
@@ -99,7 +99,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 class EnrolmentDecision:
     """An enrolment design's decision from its statistics."""
 
-    group: str = ""  # of the next participant
+    group: str = ""  # of the next participant; "" if the design assigns none
     stop: bool = False  # no further participant is enrolled
     estimates: Mapping[str, float] = field(default_factory=dict)
 
@@ -138,12 +138,12 @@ class EnrolmentDesign(ABC):
         Args:
             statistics: the result of `compute_statistics`.
             stratum: the participant's stratum; "" without strata.
-            draw: returns as many random numbers as it is asked for.
+            draw: returns as many random numbers in [0, 1) as its argument asks for.
         """
 
 
 def make_design(spec: DesignSpec) -> Design:
-    """Make the design of a block from its name and settings.
+    """Return the design of a block, made from its name and settings.
 
     Raises:
         ProtocolError: if there is no design of that name, it is of another type, or a setting is invalid.
@@ -152,7 +152,7 @@ def make_design(spec: DesignSpec) -> Design:
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """Make a design that decides at enrolment from its name and settings.
+    """Return a design that decides at enrolment, made from its name and settings.
 
     Raises:
         ProtocolError: as `make_design` does.
@@ -164,7 +164,7 @@ SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)
 
 
 def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) -> SettingsType:
-    """Convert a design's settings to a struct of type ``kind``.
+    """Return a design's settings as a struct of type ``kind``.
 
     Raises:
         ProtocolError: if a setting is unknown, missing or of another type.
@@ -186,5 +186,5 @@ def require_setting(holds: bool, complaint: str) -> None:
 
 
 def round_estimate(value: float) -> float:
-    """Round a number to six significant digits, so that every processor gives the same number."""
+    """Return a number rounded to six significant digits, so that every processor gives the same number."""
     return float(f"{value:.6g}")

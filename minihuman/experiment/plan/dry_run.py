@@ -161,7 +161,7 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
-    """Yield lines that describe a block: its world, keys, pace, limits and episodes."""
+    """Yield lines that describe part ``number``, a block: its world, keys, pace, limits and episodes."""
     episodes = plan.episodes[play.first : play.first + play.count]
     first = episodes[0]
     options = "".join(f", {name}={option!r}" for name, option in first.options.items())
@@ -183,7 +183,7 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
 
 
 def _describe_keys(play: PlayPlan, episode: EpisodePlan) -> Iterator[str]:
-    """Yield a line with the keys of a block, or one for each seat of a team."""
+    """Yield a line with the keys of a block, or one for each seat of a team; ``episode`` is the block's first."""
     visibility = " (shown)" if episode.show_keys else ""
     if isinstance(play, TeamPlayPlan) and play.team.seat_keys:
         for seat, actions_by_key in enumerate(play.team.seat_keys):
@@ -216,7 +216,7 @@ def _describe_real_time(episode: EpisodePlan) -> str:
 
 
 def _describe_limits(play: PlayPlan) -> Iterator[str]:
-    """Yield lines about what ends a block early, its time limits and its points."""
+    """Yield a line each about a block's stop criterion, time limits and points, as far as it has them."""
     if play.until:
         yield f"  until  {play.until.successes} of the last {play.until.of} reach the goal, then {play.until.otherwise}"
     limits_s = {"episode": play.max_s, "block": play.block_max_s}
@@ -269,7 +269,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
 
 
 def _judge_report(report: ConformanceReport, block: BlockSpec, path: str, *, provable: bool) -> list[str]:
-    """Return the notices in the report on a block's world; raise ProtocolError if the world must be refused."""
+    """Return the notices in the report on a block's world; raise ProtocolError, at ``path``, if it must be refused."""
     if report.broken:
         raise ProtocolError(f"{path} cannot be played ({report.broken[0]})")
     faults = list(report.unsound)
@@ -390,7 +390,7 @@ def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS
 
 
 def list_world_notices(world: World) -> list[str]:
-    """Return notices about a world, created anew and played with every action; built-in grid worlds need none."""
+    """Return notices about a world, created anew and played; none for built-in worlds with numbered actions."""
     if world.is_built_in and not isinstance(world.actions, VectorActions):
         return []
     rehearsal = Rehearsal(world.id, world.options, (0,), tuple(world.actions.numbers), steps=N_STARTED_STEPS)
@@ -483,7 +483,7 @@ def _find_unknown_actions(block: BlockSpec, action_names: Sequence[str]) -> Iter
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
-    """Explain why a block's world could not be made; for an unknown id, suggest a similar one."""
+    """Return why a block's world could not be made; for an unknown id, with a similar one."""
     reason = str(error).removeprefix(f"{block.world}: ")
     own_ids = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     if block.world in own_ids or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):

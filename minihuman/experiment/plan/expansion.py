@@ -69,7 +69,7 @@ def expand_protocol(
     segment: int = 1,
     outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
-    """Plan everything that a session contains, before its first key press.
+    """Return the plan of everything that a participant's session contains, before its first key press.
 
     A plan made before the participant's group is drawn is valid only up to the draw. ``overridden`` means that the
     participant or the group was chosen by hand. A resumed session begins at the episode of index ``first_episode``, in
@@ -180,16 +180,7 @@ def _plan_episodes(
     seeds: Sequence[int],
     first_episode: int,
 ) -> list[EpisodePlan]:
-    """Return the plans of a block's episodes, one for each reset seed.
-
-    Args:
-        block: the block with the group's overrides.
-        number: the block's index in the session.
-        key_map: the key map of all its episodes.
-        stimuli: the stimulus of each episode.
-        seeds: the reset seed of each episode.
-        first_episode: the index in the session of the block's first episode.
-    """
+    """Return the plans of a session's block ``number``, one for each reset seed, with indices from ``first_episode``."""
     return [
         EpisodePlan(
             episode=first_episode + index,

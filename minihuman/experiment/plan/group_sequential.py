@@ -15,7 +15,9 @@ _N_GRID_POINTS = 801  # of the grid on which the score's density is evaluated
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
-    """Return the part of the two-sided ``alpha`` that is spent up to a fraction (0 to 1] of the information.
+    """Return the part of the two-sided ``alpha`` that is spent up to a fraction of the information.
+
+    The fraction is above 0 and at most 1.
 
     The spending function is of the O'Brien-Fleming type (Lan & DeMets, 1983).
     """

@@ -58,6 +58,8 @@ class TriedWorld:
 def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
     """Check the outcome rules of a protocol's blocks; return lines that describe them and the ``info`` that is kept.
 
+    ``source`` names the protocol's file in errors.
+
     Raises:
         ProtocolError: if something needs success in a block in which it is unknown, or a rule reads a key of ``info``
             that is no yes or no.

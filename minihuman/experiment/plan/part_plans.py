@@ -138,7 +138,7 @@ def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) ->
 
 
 def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
-    """Plan a page of text; a consent page is identified by the SHA-256 of its text.
+    """Return the plan of a page of text; a consent page is identified by the SHA-256 of its text.
 
     Raises:
         ProtocolError: if a picture of the page is missing.
@@ -189,7 +189,7 @@ def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
 def _plan_questionnaire(
     protocol: Protocol, participant: Participant, session: int, spec: QuestionnaireSpec, names: Sequence[str]
 ) -> QuestionsPlan:
-    """Plan a questionnaire, with the items of its shipped form, in the participant's order.
+    """Return the plan of a questionnaire, with its own items or its shipped form's, in the participant's order.
 
     Raises:
         ProtocolError: if the questions return to a part that is not among the session's ``names``.

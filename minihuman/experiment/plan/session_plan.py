@@ -150,7 +150,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The rules of the bonus."""
+    """The rules by which a session earns a bonus in money."""
 
     per_point: float
     currency: str = ""

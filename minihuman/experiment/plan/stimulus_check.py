@@ -316,7 +316,7 @@ def _list_shown_columns(block: BlockSpec) -> dict[str, str]:
 
 
 def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
-    """Return an error for each column that the timeline names and neither the table nor the design has."""
+    """Return an error for each column that the timeline names and that is neither in ``columns`` nor the design's."""
     available = set(columns)
     if block.design is not None:
         available.add(str(block.design.settings.get("option", "")))
@@ -334,7 +334,8 @@ def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
 def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, Any], place: str) -> list[str]:
     """Return the errors because of which a row's trial cannot be drawn, heard or ended.
 
-    The trial is tried twice: with each drawn time at the least and at the most of its range.
+    The trial is tried twice: with each drawn time at the least and at the most of its range. ``cells`` has the world's
+    options and the row's cells, and ``place`` is where the row is.
     """
     assert block.timeline is not None
     design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""

@@ -102,7 +102,7 @@ def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> l
 
 
 def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[TrialStimulus]:
-    """Read a block's stimuli, repeated by their weights; a row refers to its image in the plan's files.
+    """Return the stimuli of a block's table, each repeated as its count says; an image refers to the plan's files.
 
     Raises:
         ProtocolError: if the file is missing, is no valid table or names a missing image; the message names the row.
@@ -132,7 +132,7 @@ def _read_count(block: BlockSpec, row: TableRow) -> int:
 
 
 def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> TrialStimulus:
-    """Build the stimulus of a row: separate options from labels, and refer to the image by its content.
+    """Return the stimulus of a row, with options apart from labels, and its image referred to by content.
 
     Raises:
         ProtocolError: if the image is missing.
@@ -269,7 +269,7 @@ def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundCo
 
 
 def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str, Row]]:
-    """Yield the cells of each trial that a block can have, with the place of its row, or "every trial"."""
+    """Yield the place of the row ("every trial" without a table) and the cells of each trial that a block can have."""
     stimuli = [TrialStimulus("every trial")]
     if block.stimuli is not None:
         stimuli = list({stimulus.place: stimulus for stimulus in read_stimuli(protocol, block)}.values())

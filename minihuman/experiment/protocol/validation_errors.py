@@ -170,7 +170,7 @@ def format_value(value: object) -> str:
 def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
-    """Build one exception from all errors of a file, in order of line; return None if there are no errors.
+    """Return one exception with all errors of a file, in order of line; None if there are no errors.
 
     The arguments are those of `format_field_errors`.
     """
@@ -185,7 +185,7 @@ def build_protocol_error(
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
-    """Format one line per error in the order of the file's lines, such as "study.toml:12: $.blocks[1].episodes is 0".
+    """Return one line per error in the order of the file's lines, such as "study.toml:12: $.blocks[1].episodes is 0".
 
     Args:
         errors: the paths and messages; equal ones are formatted once.
