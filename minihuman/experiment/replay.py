@@ -395,7 +395,7 @@ def _show_screen(session: SessionMachine, event: Event, *, draws: bool) -> None:
     """
     if _is_enter_before_ready(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
-        session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)
+        session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)  # of the three times, only the flip's counts
     elif session.phase in _TIMED_PHASES and _proves_phase(event, session.phase):
         phase_end_ns = session.next_tick_ns
         if phase_end_ns is None or phase_end_ns > event.t_ns:
@@ -439,7 +439,7 @@ def _find_stop(coming: list[Event], phase: str) -> Stop | None:
             return Stop(end.t_ns, reason, end.detail)
         is_closed_on_last_page = end.reason == "complete" and phase == Phase.CLOSING
         return Stop(end.t_ns, "window_closed", end.detail) if is_closed_on_last_page else None
-    is_end_of_log = len(simultaneous) == len(coming)
+    is_end_of_log = len(simultaneous) == len(coming)  # the log was cut off before SessionEnded
     if is_end_of_log and isinstance(first, EpisodeEnded) and first.outcome == "abandoned":
         return Stop(first.t_ns, "window_closed")
     return None

@@ -295,7 +295,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
         x, z = locate(thing.x, thing.z)
         radius = max(thing.radius * scale, _LEAST_THING_PX)
         draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
-    path = episode.poses[: step + 1, [0, 2]]
+    path = episode.poses[: step + 1, [0, 2]]  # x and z
     has_pose = ~np.isnan(path[:, 0])
     points = [locate(x, z) for x, z in path[has_pose].tolist()]
     if len(points) > 1:

@@ -250,10 +250,10 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, time
         return
     times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in masks])
     poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in masks])
-    places = poses[:, [0, 2]].astype(np.float32)
+    places = poses[:, [0, 2]].astype(np.float32)  # x and z
     lengths = [np.full(has_pose.sum(), _find_arrow_length(episode), np.float32) for episode, has_pose in masks]
     length = np.concatenate(lengths)
-    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
+    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)  # in x and z, from the yaw
     arrows = rr.Arrows2D.columns(
         origins=places,
         vectors=(length[:, None] * heading).astype(np.float32),
@@ -273,7 +273,7 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, ti
             assert episode.team is not None
             poses = episode.team.poses[:, seat]
             has_pose = ~np.isnan(poses[:, 0])
-            places = poses[has_pose][:, [0, 2]].astype(np.float32)
+            places = poses[has_pose][:, [0, 2]].astype(np.float32)  # x and z
             heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,

@@ -112,6 +112,7 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
         actions=np.array(actions, np.int64),
         by_person=np.arange(n_steps) >= n_by_policy,
         policy_actions=np.full(n_steps, policy_action, np.int64),
+        # a picture every STEP_NS; each episode has the time of MAX_STEPS pictures
         shown_ns=(number * MAX_STEPS + np.arange(n_steps, dtype=np.int64)) * STEP_NS,
         rewards=np.array(rewards),
         policy_probabilities=probabilities,

@@ -465,7 +465,7 @@ def check_bindings(world: "World", bindings: "Bindings") -> None:
     for binding in bindings.axes.values():
         world.actions.require_component(binding.component)  # type: ignore[union-attr]
     if bindings.spot is not None:
-        world.actions.value(_build_click_vector(world, bindings.spot, 0.0, 1.0))
+        world.actions.value(_build_click_vector(world, bindings.spot, 0.0, 1.0))  # any point in the picture will do
 
 
 def _build_click_vector(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":

@@ -251,7 +251,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         ProtocolError: if worlds contradict the protocol, naming every such block, or if a world cannot be played.
     """
     _check_actions(protocol, source)
-    notices: dict[str, None] = {}
+    notices: dict[str, None] = {}  # in order, each once
     examined: dict[bytes, ConformanceReport] = {}
     for number, block in enumerate(protocol.blocks):
         path = f"{source}: $.blocks[{number}].world: {block.world}"

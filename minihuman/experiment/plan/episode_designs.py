@@ -76,6 +76,7 @@ class Staircase(Design):
             estimates["threshold"] = round_estimate(sum(map(float, averaged_values)) / len(averaged_values))
         stop = bool(settings.stop_reversals) and len(reversals) >= settings.stop_reversals
         posterior = (index, n_successes, direction, reversals)
+        # None: the plan's reset seed
         return DesignDecision({settings.option: settings.values[index]}, None, stop, estimates, posterior)
 
 
@@ -149,6 +150,7 @@ class QuestPlus(Design):
         }
         best = int(np.argmin(np.round(self._compute_expected_entropy(posterior), 9)))
         stop = bool(history) and estimates["threshold_log_sd"] < settings.stop_sd
+        # None: the plan's reset seed
         return DesignDecision({settings.option: settings.values[best]}, None, stop, estimates, log_likelihood)
 
     def _compute_expected_entropy(self, posterior: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -216,6 +218,7 @@ class LevelReplay(Design):
             mean_regret = sum(regret for regret, _ in regrets.values()) / len(regrets)
             estimates["regret"] = round_estimate(mean_regret)
         options, seed = self._levels[level]
+        # False: it never ends the block
         return DesignDecision(options, seed, False, estimates, sorted(regrets.items()))
 
     def _choose_played_level(

@@ -180,7 +180,7 @@ def _plan_episodes(
     seeds: Sequence[int],
     first_episode: int,
 ) -> list[EpisodePlan]:
-    """Return the plans of a session's block ``number``, one for each reset seed, with indices from ``first_episode``."""
+    """Return the episode plans of a session's block ``number``, one for each seed, numbered from ``first_episode``."""
     return [
         EpisodePlan(
             episode=first_episode + index,

@@ -72,7 +72,7 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
             _refuse_unknown_success(protocol, block, rule, tried, source)
         lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
         lines += _describe_info(block, rule, tried)
-    return tuple(dict.fromkeys(lines))
+    return tuple(dict.fromkeys(lines))  # each once, as groups' variants of a block may have equal lines
 
 
 def _refuse_unknown_success(

@@ -32,6 +32,7 @@ def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[floa
 
 def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
     """Draw ``count`` reset seeds of worlds, in [0, 2**31), from the stream (seed, purpose, index)."""
+    # the upper 31 bits of each word
     return tuple(int(word) >> 33 for word in draw_words(count, seed=seed, purpose=purpose, index=index))
 
 

@@ -50,7 +50,7 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
         ProtocolError: if a row cannot be played, with a line for each that names row, column, value and correction.
     """
     _check_used_labels(protocol, source)
-    notices: dict[str, None] = {}
+    notices: dict[str, None] = {}  # in order, each once
     for number, block in enumerate(protocol.blocks):
         place = f"{source}: $.blocks[{number}].stimuli"
         for group in ("", *block.group_overrides):
@@ -340,7 +340,7 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
     assert block.timeline is not None
     design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""
     cells = {"delay_ms": 0.0, design_option: 0.0} | cells
-    mistakes: dict[str, None] = {}
+    mistakes: dict[str, None] = {}  # in order, each once
     for share in _SHARES:
         try:
             schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _make_constant_draw(share))
