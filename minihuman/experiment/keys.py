@@ -150,7 +150,7 @@ class PadAxes:
         return [axis for axis, value in self._values.items() if value]
 
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
-        """Move an axis and return its new value, None if unchanged, and the buttons that this pressed or released.
+        """Move an axis; return its new value, None if unchanged, and the changed buttons, each with True for a press.
 
         Args:
             axis: one of `PAD_AXES`.
@@ -197,7 +197,7 @@ def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
 
 
 def key_label(key: str) -> str:
-    """Return the label of a key on an English keyboard, or of a gamepad's button."""
+    """Return the label of a key on an English keyboard or of a gamepad's button, such as "Enter" for "kp_enter"."""
     if key in _LABELS:
         return _LABELS[key]
     label = key.removeprefix("kp_").replace("_", " ")
@@ -270,8 +270,8 @@ _ARCADE_FPS = 60.0  # of the Arcade Learning Environment's single frames
 def assign_keys(actions: Sequence[str]) -> dict[str, str]:
     """Assign a key to each action.
 
-    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order.
-    Actions that come after the last digit and letter get no key.
+    An action whose name suggests an arrow or a similar key gets that key if it is free; the others get digits and
+    letters in order. Actions that come after the last digit and letter get no key.
 
     Returns:
         The action of each key.
@@ -291,14 +291,14 @@ def assign_keys(actions: Sequence[str]) -> dict[str, str]:
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
-    """Assign a key to each of a world's actions except its no-op; return the action of each key."""
+    """Return the action of each key, as `assign_keys`; a world's no-op gets no key unless it is the only action."""
     noop = find_noop(world)
     names = [world.action_names[number] for number in world.actions.numbers]
     return assign_keys([name for name in names if name != noop or len(names) == 1])
 
 
 def find_noop(world: "World") -> str | None:
-    """Return the action that a world takes while no key is down; None if it has none."""
+    """Return the name of a world's action that does nothing, such as "noop"; None if no name says so."""
     names = {name.lower(): name for name in world.action_names}
     return next((names[noop] for noop in _NOOPS if noop in names), None)
 
@@ -306,7 +306,8 @@ def find_noop(world: "World") -> str | None:
 def find_period_ms(world: "World") -> float | None:
     """Return the time between the steps of a real-time world in milliseconds, from its frame rate; None for others.
 
-    A world counts as real-time if its actions are vectors or if one of them is to do nothing.
+    A world counts as real-time if its actions are vectors or if one of them is to do nothing. The time is limited to
+    the range from 1/60 s to 1 s.
     """
     if world.actions.is_discrete and find_noop(world) is None:
         return None

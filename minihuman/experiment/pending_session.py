@@ -100,7 +100,7 @@ class PendingAllocationSession(SessionMachine):
         return SlotRequest(self._stratum)
 
     def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
-        """Handle one input and return its events; those of inputs before the draw are returned with the draw's.
+        """Handle one input and return its events: none before the group is drawn, and at the draw those of all inputs.
 
         The arguments are those of `SessionMachine.receive`.
         """

@@ -107,7 +107,7 @@ def compare_replay(
 
     Events of devices are skipped. A segment that was cut off is compared up to its end. First-person observations of an
     earlier renderer, and subgoals that worlds did not report when the log was recorded, are not compared. ``follow`` is
-    called with each model call, to compare it, and with None after each input; without it, model calls are skipped.
+    called with each model call, returns how it differs or "", and with None after each input; None skips model calls.
     ``picture_px`` is the largest picture of screens; without it none is drawn.
 
     Raises:
@@ -195,7 +195,7 @@ class _EventComparison:
         return world
 
     def take_replayed(self, logged: Event, expected: deque[Event]) -> Event:
-        """Remove and return the replayed event to compare with a logged one.
+        """Remove from ``expected``, and return, the replayed event to compare with a logged one.
 
         Subgoals that the log's version did not report are skipped.
         """
@@ -205,7 +205,7 @@ class _EventComparison:
         return replayed
 
     def find_difference(self, logged: Event, replayed: Event) -> str:
-        """Describe how an event differs from its replay; "" if it does not."""
+        """Return a text on how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
             is_drawn_here = self._is_drawn_here.get(logged.plan.world, False)
             self._skips_hashes = is_drawn_here and not self._has_same_images
@@ -288,7 +288,7 @@ def _is_external(event: Event) -> bool:
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: bool) -> list[Event]:
-    """Feed the session the input that must have preceded the first of the coming events; return the session's events.
+    """Feed the session the input that led to the first of the coming events; return the events that it then emits.
 
     Without ``draws``, a screen is built only if it is read.
     """
@@ -395,7 +395,7 @@ def _show_screen(session: SessionMachine, event: Event, *, draws: bool) -> None:
     """
     if _is_enter_before_ready(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
-        session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)
+        session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)  # of the three times, only the flip's counts
     elif session.phase in _TIMED_PHASES and _proves_phase(event, session.phase):
         phase_end_ns = session.next_tick_ns
         if phase_end_ns is None or phase_end_ns > event.t_ns:
@@ -439,7 +439,7 @@ def _find_stop(coming: list[Event], phase: str) -> Stop | None:
             return Stop(end.t_ns, reason, end.detail)
         is_closed_on_last_page = end.reason == "complete" and phase == Phase.CLOSING
         return Stop(end.t_ns, "window_closed", end.detail) if is_closed_on_last_page else None
-    is_end_of_log = len(simultaneous) == len(coming)
+    is_end_of_log = len(simultaneous) == len(coming)  # the log was cut off before SessionEnded
     if is_end_of_log and isinstance(first, EpisodeEnded) and first.outcome == "abandoned":
         return Stop(first.t_ns, "window_closed")
     return None

@@ -18,7 +18,7 @@ _COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
 
 
 def can_copy_session(session: SessionMachine) -> bool:
-    """Return whether a session is in a part whose state can be copied in full."""
+    """Return whether `copy_session` can copy a session: its group is drawn, and its part's state can be copied."""
     return type(session) is SessionMachine and session.part.can_copy
 
 
@@ -30,7 +30,7 @@ def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
     Args:
         session: the session to copy.
         lend: called with a world's id and options when the copy opens a world; returns a world that may be reset, or
-            None if there is none, which ends the copied session.
+            None if there is none, in which case the copy's ``receive`` raises a WorldError.
     """
     copied: SessionMachine = _Copier(lend).copy(session)
     return copied
@@ -42,7 +42,7 @@ class _LentContext(SessionContext):
     _lend: WorldLender
 
     def world(self, world_id: str, options: dict[str, Any]) -> World:
-        """Open and return the lent world.
+        """Return the world that is lent for an id and options; it is the open world from now on.
 
         Raises:
             WorldError: if no world is lent.

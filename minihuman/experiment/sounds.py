@@ -98,7 +98,7 @@ def render_sound(content: SoundContent, files: Mapping[str, bytes], rate_hz: int
 
 
 def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
-    """Encode samples, float32[n, 2], as a WAV file of 16 bits, with one channel if both ears' samples are equal."""
+    """Return samples, float32[n, 2], as a WAV file of 16 bits, with one channel if both ears' samples are equal."""
     is_mono = bool(np.array_equal(samples[:, 0], samples[:, 1]))
     channels = samples[:, :1] if is_mono else samples
     encoded = io.BytesIO()
@@ -124,7 +124,7 @@ def _route_to_ears(samples: NDArray[np.float64], ear: str) -> NDArray[np.float64
 
 
 def _decode_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[np.float64]:
-    """Decode a sound file of one or two channels, and return its samples at a rate as float64[n, 1 or 2].
+    """Return the samples of a sound file of one or two channels, resampled to a rate, as float64[n, 1 or 2].
 
     Raises:
         WorldError: if the file is missing, has another format or length, or cannot be decoded.
@@ -152,7 +152,7 @@ def _decode_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray
 
 
 def _resample(samples: NDArray[np.float64], from_hz: int, to_hz: int) -> NDArray[np.float64]:
-    """Resample channels, float64[n, 1 or 2], by the Fourier transform.
+    """Return channels, float64[n, 1 or 2], at another number of samples per second, by the Fourier transform.
 
     Frequencies that the lower rate cannot represent are removed. Silence is added around the samples for the transform,
     which treats them as periodic, and is removed afterwards.

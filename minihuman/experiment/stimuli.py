@@ -35,7 +35,7 @@ _TWO_STEP_COLOURS = ("#e8e6e1", "#f0b048", "#56b4e9")
 class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     """A world that shows one stimulus and takes one response.
 
-    The observation is the number of responses so far; the stimulus itself is in the episode's options.
+    The observation is int64[2]: the number of responses so far, and 0. The stimulus is in the episode's options.
 
     Args:
         render_mode: the render mode, ``rgb_array``.
@@ -114,14 +114,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
-        """Reset the trial and show the stimulus."""
+        """Reset the trial, show the stimulus, and return the observation and the info."""
         super().reset(seed=seed)
         self._n_steps = 0
         self.last_reward = 0.0
         return self._observe(), {"onset": True}
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
-        """Record the response, draw its reward and end the trial."""
+        """Record the response, draw its reward and end the trial; return the results as Gymnasium defines them."""
         self._n_steps += 1
         chance = self._chances.get(self.action_names[int(action)], 0.0)
         self.last_reward = float(self.np_random.random() < chance)
@@ -146,7 +146,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         return self._n_steps > 0
 
     def _draw(self, picture: Image.Image) -> None:
-        """Draw the stimulus: its image, shape, text and cards."""
+        """Draw the stimulus into a picture: its image, shape, text and cards."""
         width, height = picture.size
         draw = ImageDraw.Draw(picture)
         x = self._side * width
@@ -167,7 +167,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
             self._draw_card(draw, label, card_x * width, y, self._ink)
 
     def _draw_image(self, picture: Image.Image, image: Image.Image, x: float, y: float) -> None:
-        """Draw an image centred at a point, as high as the stimulus's size unless it is then wider than its side."""
+        """Draw an image centred at (x, y) in pixels, as high as the set size unless it is then wider than its limit."""
         width, height = picture.size
         scale = min(self._size * height / image.height, _MAX_IMAGE_WIDTH * width / image.width)
         scaled_image = image.resize((max(1, round(image.width * scale)), max(1, round(image.height * scale))))
@@ -175,14 +175,14 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         picture.paste(scaled_image, top_left, scaled_image)
 
     def _draw_card(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
-        """Draw a card, a square with rounded corners and a text, centred at a point."""
+        """Draw a card, a square with rounded corners and a text, centred at (x, y) in pixels."""
         half_side = self._size * self.picture_size_px[1] * _CARD_SCALE
         box = (x - half_side, y - half_side, x + half_side, y + half_side)
         draw.rounded_rectangle(box, radius=half_side / 4, outline=ink, width=max(2, round(half_side / 24)))
         self._draw_text(draw, text, x, y, ink)
 
     def _draw_text(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
-        """Draw a line of text centred at a point."""
+        """Draw a line of text centred at (x, y) in pixels."""
         size_px = max(8, round(self._size * self.picture_size_px[1]))
         faces = select_typefaces(self._language)
         draw_line(draw, (x, y), text, faces=faces, size_px=size_px, colour=ink, anchor="m", rtl=is_rtl(text))
@@ -190,6 +190,9 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
 
 class TwoStep(Stimulus):
     """The two-step task of Daw et al. (2011, Neuron 69): a choice that commonly leads to one of two further choices.
+
+    The observation is int64[2]: the number of responses so far (2 after no response), and the pair of the second
+    choice, 0 before it.
 
     Args:
         render_mode: the render mode, ``rgb_array``.
@@ -219,13 +222,13 @@ class TwoStep(Stimulus):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
-        """Reset the trial and show the first choice."""
+        """Reset the trial, show the first choice, and return the observation and the info."""
         self._pair = 0  # 0 for the first choice, then the pair of the second choice
         self.choice = 0
         return super().reset(seed=seed, options=options)
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
-        """Make the first or second choice; no response ends the trial without a reward."""
+        """Make the first or second choice; ``none`` ends the trial without a reward. Return Gymnasium's results."""
         self._n_steps += 1
         response = self.action_names[int(action)]
         if response == NO_RESPONSE:
@@ -248,7 +251,7 @@ class TwoStep(Stimulus):
         return self._n_steps > 1
 
     def _draw(self, picture: Image.Image) -> None:
-        """Draw the cards of the present choice."""
+        """Draw the two cards of the present choice into a picture."""
         draw = ImageDraw.Draw(picture)
         width, height = picture.size
         ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]
@@ -285,10 +288,10 @@ def read_colour(colour: str) -> Any:
 
 
 def _read_number(name: str, number_or_text: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
-    """Convert a number or its text, such as a table's "0.600", to a float.
+    """Return a number or its text, such as a table's "0.600", as a float; ``name`` is the option's name in errors.
 
     Raises:
-        WorldError: if the value is not a finite number within the range.
+        WorldError: if the value is not a finite number from ``low`` to ``high``.
     """
     try:
         number = math.nan if isinstance(number_or_text, bool) else float(number_or_text)
@@ -320,7 +323,7 @@ def _read_chances(chances: dict[str, float], responses: tuple[str, ...]) -> dict
 
 
 def _read_image(encoded: str) -> Image.Image | None:
-    """Decode a PNG in URL-safe Base64 to an RGBA image; return None for "".
+    """Return a PNG in URL-safe Base64 as an RGBA image; None for "".
 
     Raises:
         WorldError: if the text is no PNG in Base64.

@@ -101,7 +101,7 @@ def draw_label(
     *,
     centred: bool = False,
 ) -> None:
-    """Draw a line of text; ``position`` is its upper left corner or, if ``centred``, its middle."""
+    """Draw a line of text; ``position`` (x, y) in pixels is its upper left corner or, if ``centred``, its middle."""
     faces = lettering.faces
     size_px = lettering.size_px
     x, y = position
@@ -114,7 +114,7 @@ def draw_label(
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
-    """Write a film of one or all episodes, or a contact sheet if the file is a ``.png``.
+    """Write a film of one or all episodes, or a contact sheet if the file is a ``.png``; return the file's path.
 
     Args:
         log: the session.
@@ -123,7 +123,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
     Raises:
         LogError: if the format is unknown, there is no such episode or no step, or a world no longer shows what the
-            participant saw.
+            participant saw and the log has no pictures.
         WorldError: if a world cannot be run here, and the log has no pictures.
         OSError: if the file cannot be written.
     """
@@ -152,7 +152,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 
 def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
-    """Return the last attempt at the episode of a given number, or every episode with a step if it is None.
+    """Return a list with the last attempt at the episode of a number; if that is None, all episodes with a step.
 
     Raises:
         LogError: if there is no such episode, or no step to film.
@@ -172,7 +172,7 @@ def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
 
 
 def _save_gif(images: Iterator[Image.Image], path: Path) -> None:
-    """Save a film's pictures as an animated GIF, smaller and with fewer colours."""
+    """Save a film's pictures, reduced in size and colours, as an animated GIF."""
     first, *other_images = (
         image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
         for image in images
@@ -185,6 +185,10 @@ def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> 
     """Yield a film's pictures of an episode: the reset, every ``stride``-th step, and the last step.
 
     In a film of all steps the last picture is repeated for one second.
+
+    Raises:
+        LogError: as `render_frames`.
+        WorldError: as `render_frames`.
     """
     times_ms = response_ms(episode)
     views = render_frames(episode, VIEW_PX)
@@ -201,7 +205,10 @@ def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> 
 def _compose_frame(
     log: SessionLog, episode: EpisodeLog, step: int, view: Image.Image, times_ms: NDArray[np.float64]
 ) -> Image.Image:
-    """Draw a film's frame at a step: the view, the keys, the map and the latest steps."""
+    """Return a film's frame after a step (0 for the reset): the view, the keys, the map and the latest steps.
+
+    ``view`` is the participant's picture; ``times_ms`` has the reaction time of each step, NaN without one.
+    """
     image = Image.new("RGB", SIZE_PX, PAPER)
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))
@@ -228,7 +235,7 @@ def _compose_frame(
 
 
 def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: int) -> None:
-    """Draw the keys of an episode with their actions, and highlight the key that made a step."""
+    """Draw an episode's keys and actions from pixel ``left`` on, and highlight the key that made step ``step``."""
     pressed = episode.step_keys[step - 1] if step else ""
     key_actions = sorted(episode.plan.key_map.keys.items())
     for number, (key, action) in enumerate(key_actions[:_MOST_KEYS]):
@@ -249,7 +256,7 @@ def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: 
 
 
 def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
-    """Describe a step in one line: its time, key and action, and the reaction time if there is one."""
+    """Return a line about the step of index ``index``, from 0: time, key, action, and the reaction time unless NaN."""
     seconds = (episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9
     key = episode.step_keys[index] or "-"
     action = _shorten_action(episode.start.action_names[episode.actions[index]], _ACTION_COLUMN_CHARACTERS)
@@ -260,7 +267,7 @@ def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
 
 
 def _shorten_action(name: str, length: int) -> str:
-    """Return the last word of an action's name, cut to a length."""
+    """Return the last word of an action's name, cut to ``length`` characters."""
     return name.rpartition("_")[2][:length]
 
 
@@ -288,7 +295,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
         x, z = locate(thing.x, thing.z)
         radius = max(thing.radius * scale, _LEAST_THING_PX)
         draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
-    path = episode.poses[: step + 1, [0, 2]]
+    path = episode.poses[: step + 1, [0, 2]]  # x and z
     has_pose = ~np.isnan(path[:, 0])
     points = [locate(x, z) for x, z in path[has_pose].tolist()]
     if len(points) > 1:
@@ -299,7 +306,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
 
 
 def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
-    """Draw a row for each episode: its description, its map with the whole path, and pictures from beginning to end."""
+    """Return a sheet with a row for each episode that has a step: description, map with the path, and six pictures."""
     column_px = _THUMB_PX[0] + _COLUMN_GAP_PX
     row_px = _THUMB_PX[1] + _ROW_GAP_PX
     rows = [episode for episode in episodes if len(episode.actions)]
@@ -322,7 +329,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
 
 
 def _draw_description(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
-    """Draw the lines that describe an episode on a contact sheet, the first one in darker ink."""
+    """Draw the lines that describe an episode on a contact sheet; the episode's row begins at pixel ``top``."""
     lines = [
         f"episode {episode.number}",
         episode.plan.block_name[:_MOST_BLOCK_CHARACTERS],
@@ -337,7 +344,7 @@ def _draw_description(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) 
 
 
 def _draw_sheet_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
-    """Draw an episode's map with the whole path in the contact sheet's column beside the descriptions."""
+    """Draw an episode's map and path into the contact sheet's second column; the row begins at pixel ``top``."""
     width, height = _THUMB_PX
     left = _DESCRIPTION_PX + _MAP_MARGIN_PX[0]
     right = _DESCRIPTION_PX + width - _MAP_MARGIN_PX[0]
@@ -346,7 +353,7 @@ def _draw_sheet_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) ->
 
 
 def _draw_step_label(draw: ImageDraw.ImageDraw, step: int, corner: tuple[int, int]) -> None:
-    """Draw the number of a picture's step on a dark box in the picture's upper left corner."""
+    """Draw the number of a picture's step on a dark box at ``corner``, the picture's upper left corner (x, y)."""
     x, y = corner
     margin_x, margin_y = _LABEL_MARGIN_PX
     text = f"step {step}"

@@ -21,9 +21,10 @@ BACKGROUND = "#24272c"
 
 
 def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
-    """Redraw the pictures of an episode, uint8[H, W, 3], as the participant in another seat of the team saw them.
+    """Return the pictures of an episode, uint8[H, W, 3], redrawn as the participant in ``seat`` of the team saw them.
 
-    The first is that of the reset, followed by one for each of the team's steps. They are not checked.
+    The first is that of the reset, followed by one for each of the team's steps; only the reset's if the episode has
+    no team. They are not checked.
 
     Raises:
         WorldError: if the world cannot be run.
@@ -41,13 +42,14 @@ def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uin
 
 
 def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> list[NDArray[np.uint8]]:
-    """Return the n + 1 pictures of an episode, uint8[H, W, 3], redrawn if possible and otherwise as stored in the log.
+    """Return an episode's pictures, uint8[H, W, 3], redrawn if possible and otherwise as stored in the log.
 
-    The first is the reset's. Redrawn pictures fit within ``size_px``, width and height. Each observation is compared
-    with its hash in the log.
+    The first is the reset's, followed by one for each step. Redrawn pictures fit within ``size_px``, width and height.
+    Each observation is compared with its hash in the log.
 
     Raises:
-        LogError: at the first observation that differs from what the participant saw, if the log has no pictures.
+        LogError: at the first observation that differs from what the participant saw, if the log has no pictures, or
+            at the first picture in the log that differs from its hash.
         WorldError: if the world cannot be run, and the log has no pictures.
     """
     plan = episode.plan
@@ -62,7 +64,7 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
 
 
 def _redraw_pictures(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
-    """Play an episode again in its world, and yield the picture of each state.
+    """Play an episode again in its world, and yield the picture of each state, the reset's first.
 
     Raises:
         LogError: if an observation of the world differs from the logged one.
@@ -82,7 +84,7 @@ def _redraw_pictures(episode: EpisodeLog, world: World, size_px: tuple[int, int]
 
 
 def fit_picture(picture: NDArray[np.uint8], size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a picture centred on a dark background of the given size, scaled down if it is larger."""
+    """Return a picture centred on a dark background of ``size_px``, width and height, scaled down if it is larger."""
     width, height = size_px
     image = Image.fromarray(picture)
     image.thumbnail(size_px)

@@ -35,7 +35,10 @@ Bounds = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
-    """Build the viewer's layout: one session shows all its panels, and several sessions have a column each."""
+    """Return the viewer's layout: all panels of one session, or a column for each of several sessions.
+
+    With ``with_view``, the layout has a panel for what the participant saw.
+    """
     if len(logs) == 1:
         content = _lay_out_session(logs[0], with_view=with_view)
         timeline = PLAY_TIME
@@ -52,7 +55,7 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
 
 
 def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
-    """Build the panels of a single session: maps and views in one column, timelines, numbers and texts in another."""
+    """Return a single session's panels: maps and views in one column, timelines, numbers and texts in another."""
     root = session_root(log)
     steering = []
     row_shares = [3, 2, 2, 3]  # of keys, rewards, reaction times and texts
@@ -85,7 +88,7 @@ def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
 
 
 def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
-    """Build the column of one session among several."""
+    """Return the column of one session among several: its map, its view if asked for, its return and its events."""
     root = session_root(log)
     pictures: list[Any] = [_build_maps(log, f"{root} ({log.plan.participant.group}): ")]
     if with_view:
@@ -98,7 +101,7 @@ def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
 
 
 def _build_maps(log: SessionLog, prefix: str = "") -> rrb.Spatial2DView | rrb.Tabs:
-    """Build a view of the map or, as blocks differ in the size of their maps, a tab with a view for each block.
+    """Return a view of the map; if two or more blocks have maps, a tab for each, as maps differ in size between blocks.
 
     ``prefix`` is put before the views' names.
     """
@@ -114,7 +117,7 @@ def _build_maps(log: SessionLog, prefix: str = "") -> rrb.Spatial2DView | rrb.Ta
 
 
 def _build_map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
-    """Build a view of the map that shows all given bounds with a margin; without bounds, rerun chooses the view."""
+    """Return a view of the map that shows all given bounds with a margin; without bounds, rerun chooses the view."""
     visual_bounds = None
     if bounds:
         lefts, tops, rights, bottoms = zip(*bounds, strict=True)
@@ -134,16 +137,16 @@ FIRST_BYTES = 2**20  # rerun waits forever if a disk has no room for a recording
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
-    """Write sessions to one ``.rrd`` file; the n-th episodes of several sessions begin together on a shared timeline.
+    """Write sessions to one ``.rrd`` file, and return its path.
 
-    With ``with_view``, what the participant saw is added: redrawn by the worlds or as stored, and checked against the
-    log.
+    The n-th episodes of several sessions begin together on a shared timeline. With ``with_view``, what the participant
+    saw is added: redrawn by the worlds or as stored, and checked against the log.
 
     Raises:
         LogError: if there is no session, or one session twice, or if a world no longer shows what the participant saw
             and the log has no pictures.
         WorldError: if a world cannot be run here, and the log has no pictures.
-        OSError: if the file cannot be written or the disk is full; no recording is then left.
+        OSError: if the file cannot be written or the disk is full; a recording that cannot be completed is removed.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
@@ -188,13 +191,13 @@ def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
 
 
 def _make_write_error(path: Path, *, is_full: bool) -> OSError:
-    """Return the error for a file that could not be written because its disk is full, or for an unknown reason."""
+    """Return the error for a file that could not be written; without ``is_full`` the reason is unknown."""
     error_number = errno.ENOSPC if is_full else errno.EIO
     return OSError(error_number, os.strerror(error_number), str(path))
 
 
 def _identify_recording(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """Return an id that depends only on the sessions, so that a replay that is opened twice is shown once."""
+    """Return a recording's id, which depends only on the sessions, so that a replay opened twice is shown once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 
@@ -203,7 +206,7 @@ ADDRESS = "127.0.0.1"
 
 
 def viewer_command(recording: Path, *, web: bool) -> list[str]:
-    """Return the command that opens the viewer; the web viewer and its server listen on 127.0.0.1 only."""
+    """Return the command that opens a recording in the viewer, on a page if ``web``; it listens on 127.0.0.1 only."""
     # -P: do not import a rerun.py in the current folder
     command = [sys.executable, "-P", "-m", "rerun", str(recording), "--bind", ADDRESS]
     if web:

@@ -33,16 +33,16 @@ ALIGNED = "aligned_time"  # for several sessions, whose n-th episodes begin toge
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayTimeline:
-    """The times of one session's rows."""
+    """The times of one session's rows and episodes, in nanoseconds since the session began."""
 
-    row_t_ns: NDArray[np.int64]  # every pose of every episode
-    start_t_ns: NDArray[np.int64]  # (episodes,)
+    row_t_ns: NDArray[np.int64]  # of every pose of every episode
+    start_t_ns: NDArray[np.int64]  # (episodes,) of each episode's first pose
     numbers: NDArray[np.int64]  # (episodes,) 1 for the session's first
     aligned_ns: NDArray[np.int64] | None  # (episodes,) their starts on the timeline of several sessions, if any
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Build a session's timeline; ``aligned_ns`` has the starts that `align_episode_starts` returns."""
+        """Return a session's timeline; ``aligned_ns`` is from `align_episode_starts`, or None for a single session."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -58,7 +58,7 @@ class ReplayTimeline:
         return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
-        """Return the values of each of rerun's timelines at given times, in nanoseconds since the session began."""
+        """Return a column for each of rerun's timelines with its values at ``t_ns``, ns since the session began."""
         times = np.asarray(t_ns, np.int64)
         indices = np.searchsorted(self.start_t_ns, times, side="right") - 1  # of episodes; -1 before the first
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
@@ -80,7 +80,7 @@ class ReplayTimeline:
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """Return the start in nanoseconds of each episode number on a timeline that several sessions share.
+    """Return, by episode number, the start in nanoseconds on a timeline that several sessions share.
 
     Each number starts a second after the longest episode of the number before it.
     """
@@ -125,7 +125,7 @@ def build_facts_page(log: SessionLog) -> str:
 
 
 def _describe_segments(log: SessionLog) -> str:
-    """Describe where each segment begins on the session's clock."""
+    """Return a phrase with the number of segments and, if there are several, the session time at which each begins."""
     if len(log.segments) == 1:
         return "one segment"
     begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
@@ -133,7 +133,7 @@ def _describe_segments(log: SessionLog) -> str:
 
 
 def _format_episode_row(episode: EpisodeLog) -> str:
-    """Format an episode as a row of the facts page's table."""
+    """Return an episode as a row, in Markdown, of the table of episodes on the facts page."""
     plan = episode.plan
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (
@@ -175,7 +175,7 @@ def session_root(log: SessionLog) -> str:
 
 
 def send_session(recording: rr.RecordingStream, log: SessionLog, timeline: ReplayTimeline) -> None:
-    """Send everything except the participant's view to the recording."""
+    """Send everything about a session except the participant's view to the recording."""
     root = session_root(log)
     recording.log(
         f"{root}/facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True
@@ -250,10 +250,10 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, time
         return
     times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in masks])
     poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in masks])
-    places = poses[:, [0, 2]].astype(np.float32)
+    places = poses[:, [0, 2]].astype(np.float32)  # x and z
     lengths = [np.full(has_pose.sum(), _find_arrow_length(episode), np.float32) for episode, has_pose in masks]
     length = np.concatenate(lengths)
-    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
+    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)  # in x and z, from the yaw
     arrows = rr.Arrows2D.columns(
         origins=places,
         vectors=(length[:, None] * heading).astype(np.float32),
@@ -273,7 +273,7 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, ti
             assert episode.team is not None
             poses = episode.team.poses[:, seat]
             has_pose = ~np.isnan(poses[:, 0])
-            places = poses[has_pose][:, [0, 2]].astype(np.float32)
+            places = poses[has_pose][:, [0, 2]].astype(np.float32)  # x and z
             heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,
@@ -325,19 +325,19 @@ def _send_lines(
 
 
 def _find_moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the indices of an episode's first row and of each row whose position differs from the previous one."""
+    """Return the index of the first of an episode's positions (n, 2), and of each that differs from the one before."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
 def _find_arrow_length(episode: EpisodeLog) -> float:
-    """Return the length of the arrow that shows the agent's direction of view."""
+    """Return the length of the arrow of the agent's heading, in the map's unit; without a map, in metres."""
     if episode.start.map is None:
         return _ARROW_LENGTHS["m"]
     return _ARROW_LENGTHS[episode.start.map.unit]
 
 
 def _build_strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """Return a line strip through the positions of each window of rows [begin, end), as an Arrow array for rerun."""
+    """Return, as an Arrow array, a line strip for each window [begin, end) through these rows of positions (n, 2)."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -393,7 +393,7 @@ def _send_scalars(
     times_ns: Sequence[NDArray[np.int64]],
     scalars: Sequence[NDArray[np.float64]],
 ) -> None:
-    """Send a series of numbers with its style; times and numbers are given episode by episode."""
+    """Send a series of numbers with its style; ``times_ns`` and ``scalars`` have an array for each episode."""
     if not times_ns:
         return
     recording.log(path, style, static=True)
@@ -422,7 +422,7 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, timeli
 
 
 def _find_key_state(press: KeyPressed) -> str:
-    """Return the state of a key's lane after a press; "" after a release."""
+    """Return the state that a key event gives the key's lane: the verdict on a press, "" for a release."""
     if press.down:
         return press.verdict
     return ""
@@ -482,7 +482,7 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, time
 
 
 def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
-    """Return the time, level and text of a line about a key press."""
+    """Return the time in ns, the log level and the text of the line about a key press."""
     level = "WARN"
     if press.verdict in ("accepted", "queued"):
         level = "INFO"
@@ -490,7 +490,7 @@ def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
 
 
 def _list_episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
-    """Return the time, level and text of the lines about an episode's start and end."""
+    """Return the time in ns, the log level and the text of the lines about an episode's start and end."""
     plan = episode.plan
     n_steps = len(episode.actions)
     start = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"

@@ -24,7 +24,7 @@ def require(is_kept: bool, broken: str) -> None:
 
 
 def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, max_steps: int) -> Protocol:
-    """Build a protocol of one block in a world, with every action of the world on a digit key.
+    """Return a protocol of one block in a world, with every action of the world on a digit key.
 
     Raises:
         ContractError: if the world has more actions than there are digit keys.
@@ -52,7 +52,7 @@ def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, 
 
 
 def build_study(tables: dict[str, Any]) -> Protocol:
-    """Build a protocol from the tables of its TOML file, by name; a list stands for an array of tables.
+    """Return the protocol that has the given tables of a TOML file, by name; a list stands for an array of tables.
 
     Raises:
         ProtocolError: if the protocol is invalid.
@@ -62,7 +62,7 @@ def build_study(tables: dict[str, Any]) -> Protocol:
 
 
 def _format_toml(value: Any) -> str:
-    """Format a table, list, text, number or boolean as TOML on one line."""
+    """Return a table, list, text, number or boolean as TOML on one line."""
     match value:
         case dict():
             return "{ " + ", ".join(f"{name} = {_format_toml(field)}" for name, field in value.items()) + " }"

@@ -72,7 +72,7 @@ def check_device(
 def _read_samples(
     device: Device, clock: SessionClock, n_samples: int, timeout_s: float, now_s: Callable[[], float]
 ) -> list[DeviceSample]:
-    """Read samples in a thread other than the one that opened the device, as a session does, and check their times.
+    """Return samples read in another thread than the one that opened the device, as in a session; check their times.
 
     Raises:
         ContractError: if a read takes too long, a time is wrong, or fewer than ``n_samples`` arrive in ``timeout_s``.
@@ -112,7 +112,7 @@ def _check_times(samples: Sequence[DeviceSample], now_ns: int) -> None:
 
 
 def _check_content(sample: DeviceSample, n_channels: int) -> None:
-    """Check that a sample has a number for each channel, or only text."""
+    """Check that a sample has ``n_channels`` numbers, or only text."""
     values = sample.values
     require(
         isinstance(values, tuple) and all(isinstance(value, int | float) for value in values),
@@ -153,7 +153,7 @@ class TypedWindow(abc.ABC):
         """Return the time on the window's clock, in nanoseconds."""
 
     def hear(self, count: int) -> list[Input]:
-        """Wait for the next ``count`` inputs and return them; return fewer if they do not come within ten seconds."""
+        """Wait until ``count`` or more inputs have arrived, but at most ten seconds, and return all that arrived."""
         heard: list[Input] = []
         until_ns = self.now_ns() + 10 * SECOND
         while len(heard) < count and self.now_ns() < until_ns:
@@ -179,7 +179,7 @@ def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
 
 
 def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
-    """Show every kind of screen, and check the order of its times."""
+    """Show each of `SCREENS`, and check that it is submitted, then displayed, between the call and the return."""
     for screen in SCREENS:
         before_ns = typed.now_ns()
         flip = typed.window.show(screen)
@@ -204,17 +204,17 @@ def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWin
 
 
 def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
-    """Press and release a key twice without delay."""
+    """Press and release a key twice without delay, and check that the window returns all four strokes."""
     _type_and_hear(typed, [("3", True), ("3", False)] * 2)
 
 
 def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
-    """Press each key before the previous one is released."""
+    """Press each key before the previous one is released, and check that the window keeps the order."""
     _type_and_hear(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
 
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
-    """Type 400 random strokes without delay."""
+    """Type 400 random strokes without delay, and check that the window returns each once."""
     rng = random.Random(7)
     keys_down: set[str] = set()
     strokes = []
@@ -226,7 +226,7 @@ def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
 
 
 def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
-    """Type before a screen is shown, and read the inputs after it."""
+    """Type before a screen is shown, and check that the window returns the strokes after it."""
     strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
     typed.type(strokes)
     typed.window.show(SCREENS[0])
@@ -234,7 +234,7 @@ def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
 
 
 def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
-    """Compare the times of inputs with the window's clock."""
+    """Check that the times of inputs rise and lie between the strokes and their receipt on the window's clock."""
     before_ns = typed.now_ns()
     typed.type([("6", True), ("6", False)] * 5)
     stamps = [event.t_ns for event in typed.hear(10)]
@@ -244,7 +244,7 @@ def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) 
 
 
 def facts_are_words_without_names_of_people_or_machines(typed: TypedWindow) -> None:
-    """Check the window's facts, which are written to the log."""
+    """Check that the window's facts, which are logged, are texts and name neither this machine nor its user."""
     facts = typed.window.facts()
     require(bool(facts.get("window")), "facts() does not say which window it is, under 'window'")
     require(all(isinstance(fact, str) for fact in facts.values()), f"facts() holds a value that is not text: {facts}")

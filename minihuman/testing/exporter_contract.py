@@ -56,7 +56,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
 
 
 def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
-    """Check that an exporter reports existing files in its folder, and the number of exported episodes and steps."""
+    """Check that an exporter reports existing files in ``out``, and that it reports all ``episodes`` and ``steps``."""
     require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not an ExportResult")
     require(bool(export.paths), "the exporter says that it wrote no file")
     for path in export.paths:

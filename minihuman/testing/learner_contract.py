@@ -90,7 +90,7 @@ def build_teaching_dataset() -> "Dataset":
 
 
 def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
-    """Play an episode with the planner as a person, and return it as a lesson.
+    """Play the episode of a given number, with the planner in the person's place, and return it as a lesson.
 
     In odd-numbered episodes a policy makes the first four steps, in which it turns on the spot.
     """
@@ -112,6 +112,7 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
         actions=np.array(actions, np.int64),
         by_person=np.arange(n_steps) >= n_by_policy,
         policy_actions=np.full(n_steps, policy_action, np.int64),
+        # a picture every STEP_NS; each episode has the time of MAX_STEPS pictures
         shown_ns=(number * MAX_STEPS + np.arange(n_steps, dtype=np.int64)) * STEP_NS,
         rewards=np.array(rewards),
         policy_probabilities=probabilities,
@@ -147,7 +148,7 @@ def _play_episode(
 
 
 def _make_learner(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
-    """Make the learner, by name or with a function, and check its type."""
+    """Return the learner that ``make`` names or makes from the text ``settings``, after checking its type."""
     from minihuman.learn.teaching.learner import Learner, make_learner
 
     if isinstance(make, str):
@@ -167,7 +168,7 @@ def _learn(
     noise: int,
     budget_s: float = float("inf"),
 ) -> "LearningResult":
-    """Run a learner once and check its result; global random streams, which must not matter, start from ``noise``."""
+    """Run a learner once and return its result, checked; ``noise`` seeds the global streams, which must not matter."""
     import torch
 
     from minihuman.learn.policy.network import Policy
@@ -201,7 +202,7 @@ def _learn(
 
 
 def _require_json(values: dict[str, Any], field: str) -> None:
-    """Require that a field of the result can be written as JSON."""
+    """Require that ``values``, the field of the result that ``field`` names, can be written as JSON."""
     try:
         json.dumps(values)
     except TypeError as error:

@@ -117,7 +117,7 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
 
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
-    """Check two equal sessions in memory and one that is logged; yield the events of a session in memory."""
+    """Check a study by two equal sessions in memory and a logged one; then yield the events of a session in memory."""
     events = _run_study(protocol)
     repeated_events = _run_study(protocol)
     is_repeatable = repr(events) == repr(repeated_events)
@@ -135,7 +135,7 @@ def _check_part(protocol: Protocol) -> Iterator[Event]:
 
 
 def _run_study(protocol: Protocol) -> list[Event]:
-    """Run a simulated session of a protocol in memory; return its events."""
+    """Run a simulated session of a protocol in memory, and return its events; raise the error of a failed world."""
     clock = VirtualClock()
     recorder = MemoryRecorder()
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
@@ -152,14 +152,14 @@ class _DrawingWindow(SimulatedWindow):
     _n_inputs = 0
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Return the next inputs, and fail after too many, because an activity that never ends would go on forever."""
+        """Return the next inputs; after too many calls raise a ContractError, because an activity may never end."""
         self._n_inputs += 1
         problem = f"the session did not come to its end in {_MAX_INPUTS} inputs; see what simulate() gives"
         require(self._n_inputs < _MAX_INPUTS, problem)
         return super().wait(until_ns)
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Draw and convert a screen, except a play screen: worlds draw no pictures for simulated participants."""
+        """Draw and convert a screen, except a play screen, for which no picture is drawn here; return its display."""
         if isinstance(screen, PlayScreen):
             return super().show(screen)
         height, width, _ = compose_screen(screen, _SIZE_PX).shape
@@ -288,7 +288,7 @@ def check_design(
 def _make_any_design(
     make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any]
 ) -> Design | EnrolmentDesign:
-    """Make a design of episodes or of enrolment from its registered name or its class."""
+    """Return the design of episodes or of enrolment with a registered name or of a class, made with ``settings``."""
     if not isinstance(make, str):
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
@@ -300,7 +300,7 @@ def _make_any_design(
 
 
 def _decide_episode(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:
-    """Ask a design for the decision after some episodes, check it, and return it in a comparable form."""
+    """Return a design's decision after the episodes of a history, checked, as a tuple that can be compared."""
     assert isinstance(design, Design)
     decision = design.decide(tuple(history), make_draw(1, "check", len(history)))
     is_valid_seed = decision.seed is None or 0 <= decision.seed < 2**63
@@ -315,7 +315,7 @@ def _decide_episode(design: Design | EnrolmentDesign, history: list[PlayedEpisod
 def _decide_enrolment(
     design: EnrolmentDesign | Design, people: list[EnrolledParticipant], length: int
 ) -> tuple[Any, ...]:
-    """Ask a design for the decision after the first ``length`` people, check it, and return it in a comparable form."""
+    """Return a design's decision after the first ``length`` people, checked, as a tuple that can be compared."""
     assert isinstance(design, EnrolmentDesign)
     statistics = design.compute_statistics(people[:length], {"a": 1, "b": 1})
     _require_json(statistics, "statistics")
@@ -327,7 +327,7 @@ def _decide_enrolment(
 
 
 def _require_json(values: dict[str, Any], field: str) -> None:
-    """Require that a field of a decision is the same after it is written as JSON and read."""
+    """Require that ``values``, the field of a decision that ``field`` names, are the same once read from JSON."""
     decoded = json.loads(json.dumps(values, default=repr))
     require(decoded == values, f"{field} {values!r} are not the same after JSON; use texts, numbers, lists and dicts")
 

@@ -62,7 +62,7 @@ def check_participant(
 
 
 def _make_player(make: str | Callable[[np.random.Generator], SimulatedParticipant], seed: int) -> SimulatedParticipant:
-    """Make the player, by name or with a function, and check its type."""
+    """Return the player that ``make`` names or makes, with a random generator of this seed, after checking its type."""
     rng = np.random.default_rng(seed)
     player = make_participant(make, rng) if isinstance(make, str) else make(rng)
     require(
@@ -111,7 +111,7 @@ class _WatchedParticipant(SimulatedParticipant):
         require(world.state_hash() == hash_before, "begin() changed the world; a player only looks at it")
 
     def press(self, world: World) -> KeyPress | NoPress:
-        """Return the player's next key press, after checking it and the world."""
+        """Return the player's next key press or `NoPress`, after checking that it is valid and the world unchanged."""
         hash_before = world.state_hash()
         press = self._player.press(world)
         require(press is not None, "press() gave no answer; in a study its session would end as player_failed")
@@ -179,7 +179,7 @@ def _make_agent(make: str | Callable[[str], BaseAgent], argument: str) -> BaseAg
 
 
 def _play_episode(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float32]:
-    """Play one episode with actions drawn from an agent's probabilities; return these, float32[steps, actions]."""
+    """Play an episode with actions drawn from an agent's probabilities; return these, float32[steps, actions]."""
     rng = np.random.default_rng(plan.seed)
     rows: list[NDArray[np.float32]] = []
     world.reset(plan.seed)

@@ -167,7 +167,7 @@ def _locate_observation(world: World, call: str) -> str:
 
 
 def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
-    """Play the first steps of an episode and return them, with the reset as a first step without reward."""
+    """Reset a world, make steps with the actions, and return them; the first is the reset, a step without reward."""
     observed = world.reset(seed)
     _require_inside(world, "reset")
     steps: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
@@ -207,7 +207,7 @@ def _check_determinism(world: World, other: World, seeds: tuple[int, int], actio
 
 
 def _check_restore(world: World, seed: int, actions: list[int]) -> None:
-    """Check at three points of an episode that save and restore cover everything that the episode changes."""
+    """Check at up to three points of an episode that save and restore cover everything that the episode changes."""
     n_steps = len(_play(world, seed, actions)) - 1
     for save_step in sorted({max(1, n_steps * quarter // 4) for quarter in (1, 2, 3)}):
         _check_restore_from(world, seed, actions[:save_step], actions[save_step:])
@@ -230,7 +230,7 @@ def _check_restore_from(world: World, seed: int, actions_before: list[int], acti
 
 
 def _require_restored(world: World, saved_attributes: dict[str, bytes]) -> None:
-    """Require that the attributes of a world's own class are as they were when its state was saved."""
+    """Require that a world's own attributes are as in ``saved_attributes``, pickled when its state was saved."""
     attributes = _pickle_own_attributes(world)
     changed = [name for name, pickled in attributes.items() if pickled != saved_attributes.get(name, pickled)]
     require(
@@ -241,7 +241,10 @@ def _require_restored(world: World, saved_attributes: dict[str, bytes]) -> None:
 
 
 def _search(world: World, seed: int, max_steps: int) -> WorldSearch:
-    """Try every action in every situation, nearest first; check that each change can be restored and repeated."""
+    """Try every action in every situation, nearest first, and check restores; return how much the search covered.
+
+    A world that is not written with minihuman's classes is not searched. The search ends after ``max_steps`` steps.
+    """
     search = WorldSearch()
     if not isinstance(world.unwrapped, NativeWorld):
         return search
@@ -283,6 +286,7 @@ def _identify_situation(world: World, observation_hash: int) -> Hashable:
     """
     pose = world.pose()
     assert pose is not None
+    # in half units of the map, and eighths of a turn
     rough_pose = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
     if not world.drawn:
         return rough_pose, observation_hash
@@ -292,7 +296,7 @@ def _identify_situation(world: World, observation_hash: int) -> Hashable:
 
 
 def _pickle_own_attributes(world: World) -> dict[str, bytes]:
-    """Pickle the attributes that a world's class adds to those of minihuman's base classes; return them by name.
+    """Return, by name, the pickled attributes that a world's class adds to those of minihuman's base classes.
 
     Raises:
         ContractError: if an attribute cannot be pickled.
@@ -367,7 +371,7 @@ def _check_end(world: World, seed: int) -> bool:
 
 
 def _describe_plan(world: World, seed: int) -> str:
-    """Describe the shortest path that a world offers to simulated participants, or why it offers none."""
+    """Return a text about the shortest path that a world offers to simulated participants, or why it offers none."""
     world.reset(seed)
     method = "shortest_path()"
     try:
@@ -385,7 +389,7 @@ def _describe_plan(world: World, seed: int) -> str:
 
 
 def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
-    """Require that two episodes agree in everything that a step returns, and in their lengths."""
+    """Require that two lists of steps agree in all that a step returns, and in length; ``when`` begins the error."""
     names = ("reward", "terminated", "truncated", "observation", "state")
     for number, (expected_step, actual_step) in enumerate(zip(expected, actual, strict=False)):
         for name, before, now in zip(names, expected_step, actual_step, strict=True):

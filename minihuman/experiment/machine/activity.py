@@ -79,12 +79,19 @@ class SessionContext:
         self._events += events
 
     def move_axis(self, moved: AxisChanged) -> None:
-        """Move an axis: one of a gamepad or touch stick to a value, one of the mouse by a number of pixels."""
+        """Record an axis's motion: set a gamepad's or touch stick's axis to the value; add pixels to a mouse axis."""
         pixels_before = self.axes.get(moved.axis, 0.0) if moved.axis in MOUSE_AXES else 0.0
         self.axes[moved.axis] = pixels_before + moved.value
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
-        """Emit the event of a key press or release with its verdict."""
+        """Emit the event of a key press or release.
+
+        Args:
+            key: the press or release.
+            verdict: what the session made of it.
+            phase: the name of the phase in which it was handled.
+            action: the number of the action that the key has; None if it has none, or if that does not matter.
+        """
         is_down = isinstance(key, KeyDown)
         waited_ns = self.now_ns - key.t_ns
         self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
@@ -130,13 +137,13 @@ class PartEnding:
 
 
 class ActivityRequest:
-    """A request of a part to its session host, which answers with an input. Kinds of activity add fields."""
+    """A part's request to its session host, which answers with an input. Kinds of activity add fields in subclasses."""
 
     awaits_others: ClassVar[bool] = False  # whether others' sessions answer it, so that it is repeated without an input
 
     @property
     def takes_long(self) -> bool:
-        """Return whether the session continues while the host computes the answer, which then comes later."""
+        """Return whether the session continues, rather than waits, while the host computes the answer."""
         return False
 
 
@@ -183,15 +190,15 @@ class RequestHandler(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class AnswerField:
-    """A field whose answer a page without a server judges, as it has too many possible values for a screen of each.
+    """A field whose answer a page without a server judges, as it has too many values to prepare a screen for each.
 
     Attributes:
         name: the question's name.
         judgement: the judgement of the present answer.
         rules: the rules of judgement, as JSON values.
         shown_as: the fields of the widget that depend on the answer; the others depend on its judgement alone.
-        examples: for each judgement, the inputs that lead to such an answer; what follows it depends on its judgement
-            alone.
+        examples: by judgement, functions that make the inputs of an answer with that judgement; each takes a time in
+            nanoseconds. What follows an answer depends on its judgement alone.
     """
 
     name: str
@@ -242,7 +249,7 @@ class Activity(abc.ABC):
 
     @abc.abstractmethod
     def screen(self) -> Screen:
-        """Build the present screen."""
+        """Return the present screen."""
 
     def describe_steering(self, play: RunningEpisode) -> Steering | None:
         """Return who controls a running episode; None if no agent plays."""
@@ -265,7 +272,7 @@ class Activity(abc.ABC):
         """Stop all clocks until ``resume``, because a pause, a question or another window covers the part."""
 
     def resume(self) -> None:
-        """Continue after ``suspend``."""
+        """Continue after ``suspend``, and log the part's phase."""
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def stop(self) -> None:  # noqa: B027
@@ -354,11 +361,15 @@ class ActivityKind:
 
     @property
     def plan_fields(self) -> tuple[str, ...]:
-        """Return the names of the fields of a part's plan; a table of the same name in a block fills a field."""
+        """Return the names of the fields of a part's plan; a table of a block fills the field that has its name."""
         return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
-        """Convert a part's plan from decoded JSON to the kind's plan type."""
+        """Convert a part's plan from decoded JSON to the kind's plan type.
+
+        Raises:
+            msgspec.ValidationError: if the plan does not fit the type.
+        """
         return msgspec.convert(plan, self.plan)
 
 
@@ -366,7 +377,7 @@ GROUP = "minihuman.activities"
 
 
 def list_built_in_kinds() -> tuple[str, ...]:
-    """Return the names of this package's kinds."""
+    """Return the names of this package's kinds of activity in alphabetical order."""
     return list_plugin_names(GROUP, built_in=True)
 
 
@@ -386,7 +397,7 @@ def find_kind(name: str) -> ActivityKind:
 
 
 def find_installed_kind(name: str) -> ActivityKind | None:
-    """Return the activity kind of a given name; None if it is not installed."""
+    """Return the activity kind of a given name; None if it is not installed or its entry point is no `ActivityKind`."""
     try:
         return find_kind(name)
     except ProtocolError:
@@ -394,15 +405,15 @@ def find_installed_kind(name: str) -> ActivityKind | None:
 
 
 def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
-    """Return the names of the built-in kinds that meet a condition, in order."""
+    """Return the names of the built-in kinds that meet a condition, in alphabetical order."""
     return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:
-    """Build the activity of a part."""
+    """Build the activity that runs a part; ``number`` is the part's index in the plan."""
     return find_kind(part.kind).activity(number, part, context)
 
 
 def needs_no_server(part: PlannedPart) -> Iterable[str]:
-    """Yield nothing, for a kind whose parts a page runs alone."""
+    """Return (), as a page can run the part without a server; a kind may use this as its ``find_server_needs``."""
     return ()

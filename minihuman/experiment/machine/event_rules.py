@@ -64,7 +64,7 @@ class _StreamChecker:
         self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
 
     def check(self, number: int, event: Event) -> None:
-        """Check an event against the events before it."""
+        """Check an event against those before it, and record violations; ``number`` is its index in the stream."""
         self._number = number
         self._event_name = type(event).__name__
         is_in_place = isinstance(event, SessionStarted) == (number == 0)
@@ -228,7 +228,7 @@ class _StreamChecker:
             self._next_episode += 1
 
     def _require(self, holds: bool, rule: str) -> None:
-        """Record a violation by the present event unless a rule holds."""
+        """Record a violation by the present event unless ``holds`` is true; ``rule`` is the text of the rule."""
         if not holds:
             self.violations.append(f"event {self._number}, {self._event_name}: {rule}")
 

@@ -81,7 +81,7 @@ class EpisodeBeginning:
 
         @property
         def begins_at(self) -> tuple[int, int]:
-            """Return the episode's index, and the step after which it begins."""
+            """Return the episode's index, and the step after which it begins: 0 for a reset."""
 
 
 class EpisodeStep:
@@ -305,8 +305,8 @@ class PointerUsed(TimedEvent):
     what: PointerUse
     x: float
     y: float
-    target: str
-    along: float
+    target: str  # the name of the target in which the pointer went down; "" for none
+    along: float  # 0 to 1 from the target's start, in reading direction
     waited_ns: int = 0  # as a key's
 
 
@@ -412,7 +412,7 @@ class ActivityEvent(TimedEvent):
 
     @property
     def words_to_others(self) -> str:
-        """Return the text that the participant wrote to other participants; empty for most kinds of events."""
+        """Return the text that the participant wrote to other participants; "" for most kinds of events."""
         return ""
 
 

@@ -92,7 +92,7 @@ class PointerInput(TimedInput):
     x: float
     y: float
     target: str = ""
-    along: float = 0.0  # 0..1 from the spot's start, in reading direction
+    along: float = 0.0  # 0 to 1 from the target's start, in reading direction
     cause: PointerCause = "finger"
 
 
@@ -218,12 +218,12 @@ _PRECEDING = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)
 def precedes_due_changes(happened: Input, facts: Mapping[str, str]) -> bool:
     """Return whether an input is processed before everything that is due by its time, rather than after it.
 
-    Most such inputs report something that has already happened, such as the display of a screen or the start of a
-    sound.
+    Most inputs that are processed before it report something that has already happened, such as the display of a screen
+    or the start of a sound.
 
     Args:
         happened: the input.
-        facts: the session's facts, which include the version of the rules for trials.
+        facts: the facts of `SessionStarted`, which include "trial_rules", the version of the rules for trials.
     """
     if isinstance(happened, SoundStarted):
         return facts.get("trial_rules", "1") == TRIAL_RULES

@@ -29,11 +29,11 @@ class KeyState:
         self._escape_since_ns = None
 
     def completes_chord(self, key: str) -> bool:
-        """Return whether a key that has just gone down completes the experimenter's chord."""
+        """Return whether a key that has just gone down completes `ABORT_CHORD`, the experimenter's chord."""
         return key in ABORT_CHORD and self._down.keys() >= ABORT_CHORD
 
     def hold_escape(self, since_ns: int) -> None:
-        """Record that Escape went down on the question whether to end the session."""
+        """Record that Escape went down at ``since_ns``, while the question whether to end the session was shown."""
         self._escape_since_ns = since_ns
 
     def release_escape(self) -> bool:
@@ -44,7 +44,7 @@ class KeyState:
 
     @property
     def end_ns(self) -> int | None:
-        """Return the time at which Escape will have been held for long enough to end the session; None if it is up."""
+        """Return the time, ns, at which Escape will have been held long enough to end the session; None if it is up."""
         if self._escape_since_ns is None:
             return None
         return self._escape_since_ns + HOLD_TO_END_NS

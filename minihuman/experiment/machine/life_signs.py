@@ -35,9 +35,9 @@ class LifeSigns:
         self.hear(now_s)
 
     def lose_page(self, state: PageState, now_s: float) -> None:
-        """Record that the page is gone.
+        """Record that the page is gone; ``state`` says how.
 
-        A page that announces it gives a last sign of life; a broken connection does not.
+        A page that was closed or gave way to another gives a last sign of life; a broken connection does not.
         """
         self.page = state
         if state != "offline":
@@ -49,6 +49,6 @@ class LifeSigns:
         self.hear(now_s)
 
     def turn_focus(self, now_s: float, *, has_focus: bool) -> None:
-        """Record that the person switched to another window or returned."""
+        """Record that the person switched to another window or, if ``has_focus``, returned to the page."""
         self.has_focus = has_focus
         self.act(now_s)

@@ -18,12 +18,12 @@ AlterationKind = Literal[
 
 
 def format_alteration(kind: AlterationKind, detail: str) -> str:
-    """Return the text of a note about an alteration."""
+    """Return the text of a note about an alteration; ``detail`` says what was altered and may be ""."""
     return f"{_NOTE_PREFIX}{kind} {detail}".rstrip()
 
 
 def read_alteration(note: Noted) -> str:
-    """Return the kind and detail of the alteration that a note reports; "" for a note about anything else."""
+    """Return the kind and detail of the alteration that a note reports, as one text; "" for any other note."""
     match note:
         case Noted(kind="page", text=text) if text.startswith(_NOTE_PREFIX):
             return text.removeprefix(_NOTE_PREFIX)
@@ -31,7 +31,7 @@ def read_alteration(note: Noted) -> str:
 
 
 def list_page_alterations(events: Iterable[Event]) -> list[str]:
-    """List the alterations of a browser's page that a session's notes report, each once, in alphabetical order.
+    """Return the alterations of a browser's page that a session's notes report, each once, in alphabetical order.
 
     "consent text" is among them if a text was altered or translated while the consent text was shown. Events that are
     no notes are skipped.

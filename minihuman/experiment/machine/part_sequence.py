@@ -50,7 +50,7 @@ def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> lis
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
-    """Return whether all parts from an index on are closing pages."""
+    """Return whether all parts from index ``begin`` on are closing texts; True if there is no part."""
     return all(_closes_session(part) for part in parts[begin:])
 
 

@@ -14,17 +14,17 @@ _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 
 
 def format_total(words: InterfaceWords, points: float) -> str:
-    """Format the total of points so far."""
+    """Return the session's total of points as a text in the language of ``words``."""
     return isolate_signs(words, words.fill("progress.points", points=format_points(points)))
 
 
 def format_score(words: InterfaceWords, points: float) -> str:
-    """Format the points of an episode, such as "+10 points"."""
+    """Return the points of an episode as a text in the language of ``words``, such as "+10 points"."""
     return isolate_signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{format_points(points)}"))
 
 
 def fill_score_fields(context: "SessionContext", text: str) -> str:
-    """Replace {points}, {bonus} and {currency} in a text by the session's points, bonus and currency."""
+    """Return a text with {points}, {bonus} and {currency} replaced by the session's points, bonus and currency."""
     if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
         return text
     bonus = context.plan.bonus or BonusSpec(0.0)
@@ -56,7 +56,7 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
 
 
 def format_points(points: float) -> str:
-    """Format a number of points with at most one decimal, and none if it is a whole number."""
+    """Return a number of points as a text, rounded to one decimal, which is left out if it is 0."""
     rounded = round(points, 1)
     if rounded:
         return f"{rounded:.1f}".rstrip("0").rstrip(".")

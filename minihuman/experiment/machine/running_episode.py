@@ -134,9 +134,10 @@ class RunningEpisode:
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
-        """Return the event that corrects the display of a picture that was shown before its step was final.
+        """Return the event that corrects the log of a picture shown before its step was final; None if it was right.
 
-        None if the picture was right. Only joint episodes show such pictures, so that other episodes return None.
+        The picture of ``step`` was submitted at ``submit_ns`` and displayed at ``flip_ns``; the event has the time
+        ``t_ns``. Only in joint episodes can a picture precede its final step; other episodes return None.
         """
         return None
 
@@ -157,12 +158,12 @@ class RunningEpisode:
 
     @property
     def axis_bindings(self) -> "Mapping[str, AxisBinding]":
-        """Return the axes that move components of the action."""
+        """Return, by the name of each axis that moves a component of the action, its binding; empty without any."""
         return self._bindings.axes if self._bindings else {}
 
     @property
     def held_inputs(self) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, float]]:
-        """Return the keys that are down, those pressed since the last tick, each the latest last, and the axes."""
+        """Return the keys down, the keys pressed since the last tick (both latest last), and the axes' values."""
         return tuple(self._keys_down), tuple(self._pressed), dict(self._axes)
 
     def action_of(self, key: str) -> int | None:
@@ -198,7 +199,7 @@ class RunningEpisode:
         return picture
 
     def keep_picture_hash(self, picture_hash: int) -> None:
-        """Keep the hash of the present picture for the event of its display; hashes of joint episodes are not kept."""
+        """Keep the hash of the present picture for the event of its display, unless it is 0 or the episode is joint."""
         if self.is_joint or not picture_hash:
             return
         self._picture_hashes.pop(self.steps, None)  # so that the latest step is the last
@@ -208,7 +209,7 @@ class RunningEpisode:
             del self._picture_hashes[oldest_step]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
-        """Return a first-person world's picture between an earlier pose and the present one.
+        """Return a first-person world's picture between an earlier pose and the present one, uint8[height, width, 3].
 
         Args:
             before: the earlier pose.
@@ -239,7 +240,7 @@ class RunningEpisode:
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     def note_onset(self, flip_ns: int) -> None:
-        """Measure response times from a stimulus onset at this flip, in blocks in which not every picture is one."""
+        """Measure later response times from ``flip_ns``, a stimulus onset, where not every picture shows an onset."""
         self._flips_ns = [flip_ns]
 
     def step_without_key(self, t_ns: int) -> Stepped:
@@ -260,7 +261,7 @@ class RunningEpisode:
             return _build_click_vector(self.world, self._bindings.spot, x, y)
 
     def queue(self, t_ns: int, key: str, action: "Action") -> None:
-        """Keep a key for the next tick. A later key replaces it, unless held keys combine."""
+        """Keep a key press and its action for the next tick. A later press replaces it, unless held keys combine."""
         if self.repeats_held:
             self._pressed.pop(key, None)
             self._pressed[key] = t_ns
@@ -302,7 +303,7 @@ class RunningEpisode:
         return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
     def _step_held(self, t_ns: int) -> Stepped | None:
-        """Make a step with the keys that are down or were pressed since the last tick, so that no press is lost.
+        """Make a step with the keys down or pressed since the last tick; return None without key, axis and no-op.
 
         The latest of these keys is the step's key; it counts as a response only at the first tick after its press.
         """
@@ -324,9 +325,9 @@ class RunningEpisode:
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _take_component_shares(self) -> dict[int, float]:
-        """Return the share (-1 to 1) of the way from rest to its bound by which the axes move each component.
+        """Return how far the axes move each component, as a signed share of the way from rest to its bound.
 
-        Components that no axis moves are left out. The mouse's motion is used up.
+        A share may lie beyond -1 or 1 by its scale. Components that do not move are left out. Mouse motion is used up.
         """
         shares: dict[int, float] = {}
         if not self._bindings:
@@ -357,10 +358,10 @@ class RunningEpisode:
         """Make one step of the world and return its event; the plan's step limit counts as a truncation.
 
         Args:
-            t_ns: the present time.
+            t_ns: the present session time.
             action: an action number, or a vector if actions are vectors.
             key: the key that caused the step; "" for none.
-            key_t_ns: the time of the key press.
+            key_t_ns: the time of the key press; ``t_ns`` without a key.
             held_keys: the keys pressed since the last tick, if held keys make steps; other keys answer no picture.
         """
         assert self.started, "call start() before the first step"
@@ -464,14 +465,14 @@ def check_bindings(world: "World", bindings: "Bindings") -> None:
     for binding in bindings.axes.values():
         world.actions.require_component(binding.component)  # type: ignore[union-attr]
     if bindings.spot is not None:
-        world.actions.value(_build_click_vector(world, bindings.spot, 0.0, 1.0))
+        world.actions.value(_build_click_vector(world, bindings.spot, 0.0, 1.0))  # any point in the picture will do
 
 
 def _build_click_vector(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
     """Build the action vector of a click at (x, y), each 0 to 1 of the picture from its top left corner.
 
     Raises:
-        WorldError: if the world lacks the action that the click also makes.
+        WorldError: if the world lacks ``spot.action``, the action that the click also makes.
     """
     action = 0
     if spot.action:

@@ -22,7 +22,7 @@ _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
-    """Build a screen of a short text; without a prompt, which names the key to go on, it shows that it waits."""
+    """Build a screen of a short text; ``prompt`` names the key to go on, and if it is "", the screen shows a wait."""
     return TextScreen(title, body, prompt, locale=words.locale, waits=not prompt)
 
 

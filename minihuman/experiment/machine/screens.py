@@ -133,12 +133,12 @@ class Widget(abc.ABC):
     @property
     @abc.abstractmethod
     def description(self) -> str:
-        """Describe in words the answers that the widget offers, for screen readers and language models."""
+        """Return a text of the answers that the widget offers, for screen readers and language models."""
 
     def list_likely_inputs(self) -> Iterator[str]:
         """Yield the names of likely inputs, such as "key:1" or "point:option:0", likeliest first; none by default.
 
-        A page is sent the screens to which they lead before they happen.
+        A page receives the screens to which these inputs lead before the inputs happen.
         """
         yield from ()
 
@@ -254,7 +254,7 @@ class TextField(Widget):
 
     @property
     def description(self) -> str:
-        """Return the unit of what is typed."""
+        """Return the unit of what is typed; "" if it has none."""
         return self.unit
 
 
@@ -382,12 +382,12 @@ class FilmsScreen(ActivityScreen, abc.ABC):
     @property
     @abc.abstractmethod
     def shown_step(self) -> int:
-        """Return the index of the pictures that are shown; a shorter film keeps its last picture."""
+        """Return the index, in each film, of the picture that is shown; a shorter film keeps its last picture."""
 
     @property
     @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
-        """Return the values that distinguish the screen from others, whatever its step."""
+        """Return the values that distinguish the screen from others; they do not depend on `shown_step`."""
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

@@ -109,7 +109,7 @@ class SessionMachine:
         self._reset(plan)
 
     def _reset(self, plan: SessionPlan) -> None:
-        """Return to the state before the first input."""
+        """Put the session into the state before the first input of a session with this plan."""
         self.plan = plan
         self.failure: BaseException | None = None  # the exception of a world that failed
         self._phase = Phase.START
@@ -162,7 +162,7 @@ class SessionMachine:
 
     @property
     def end_detail(self) -> str:
-        """Return the details of the end, such as the error of a failed world; never shown to a participant."""
+        """Return the details of the end, such as a failed world's error, or ""; never shown to a participant."""
         return self._end_detail
 
     @property
@@ -176,7 +176,7 @@ class SessionMachine:
 
     @property
     def play(self) -> RunningEpisode | None:
-        """Return the running episode, for simulated participants that read its world; None between episodes."""
+        """Return the running episode, for simulated participants that read its world; None if none is being played."""
         if self._phase is Phase.PART and (part := self._parts.part).playing:
             return part.play
         return None
@@ -188,7 +188,7 @@ class SessionMachine:
 
     @property
     def next_part(self) -> int | None:
-        """Return the index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the one that has ended; None if the session ends."""
         return self._parts.next_part
 
     @property
@@ -277,7 +277,7 @@ class SessionMachine:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Process everything that is due before an input at a time.
+        """Process everything that is due before an input whose time is ``t_ns``.
 
         The time for which Escape is held is measured by the inputs' own times, so that a machine that stalls during a
         short press does not end the session.
@@ -428,7 +428,7 @@ class SessionMachine:
     # Moving on
 
     def _move(self, cause: TransitionCause, pause_reason: PauseReason | None = None) -> bool:
-        """Move to the phase that follows for a cause in the transition table; return False if no row applies.
+        """Move to the phase that follows for a cause in the transition table; return whether one of its rows applies.
 
         ``pause_reason`` is logged if a part is suspended; by default, it is that of the cause.
         """

@@ -31,7 +31,10 @@ class TransitionTable(Generic[Subject]):
         self.rows = tuple(rows)
 
     def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
-        """Return the row that applies; None if there is none, and then the phase stays."""
+        """Return the row that applies in phase ``start`` for a cause; None if there is none, so that the phase stays.
+
+        The rows' conditions are evaluated on ``subject``.
+        """
         for row in self.rows:
             if row.start is not start or row.cause is not cause:
                 continue

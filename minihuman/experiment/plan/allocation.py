@@ -35,9 +35,9 @@ class AllocationSlot:
 
 
 def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
-    """Build the list of ``study.participants`` slots, for each stratum if there are strata.
+    """Build the list of ``study.participants`` slots; with strata, that many for each stratum.
 
-    A longer list begins with a shorter one.
+    If only the number of participants grows, the new list begins with the old one.
     """
     tables = (
         *(protocol.study, protocol.keys, protocol.groups, protocol.blocks, protocol.orders, protocol.sessions),
@@ -100,7 +100,7 @@ def _has_constant_key_map(protocol: Protocol) -> bool:
 
 
 def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
-    """Return the SHA-256 of the list's canonical JSON form in hexadecimal, which every log contains.
+    """Return the SHA-256 of an allocation list's canonical JSON form in hexadecimal, which every log contains.
 
     Fields that a protocol does not use are left out, so that lists from before these fields existed keep their hash.
     """
@@ -124,7 +124,7 @@ def _digest_slots(slots: tuple[AllocationSlot, ...]) -> str:
 def _count_draws(protocol: Protocol) -> int:
     """Return the number of draws of key maps.
 
-    There is one for each position in a group's blocks, or one for each block if the protocol lists parts otherwise.
+    There is one for each position in the groups' lists of blocks or, if the protocol lists parts, one for each block.
     """
     if protocol.lists_parts:
         return len(protocol.blocks)
@@ -132,7 +132,7 @@ def _count_draws(protocol: Protocol) -> int:
 
 
 def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
-    """Draw each slot's orders of parts, one for each order of the protocol; each group fills its own Latin squares.
+    """Return each slot's orders of parts, one for each order of the protocol; each group fills its own Latin squares.
 
     ``groups`` has the index of each slot's group, and ``suffix`` names the random streams of a stratum.
     """
@@ -148,7 +148,7 @@ def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tup
 def _draw_order(
     protocol: Protocol, order: OrderSpec, group: int, group_place: int, index: int, suffix: str
 ) -> tuple[int, ...]:
-    """Draw the sequence in which a slot's participant does the parts of an order, as indices of the parts.
+    """Return the sequence in which a slot's participant does the parts of an order, as indices into ``order.parts``.
 
     Args:
         protocol: the study's protocol.
@@ -174,7 +174,7 @@ def _draw_order(
 
 
 def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
-    """Build orders of ``count`` elements, balanced for position and for immediate succession.
+    """Return orders of the elements 0 to count - 1, balanced for position and for immediate succession.
 
     There are as many rows as elements if that number is even, and twice as many if it is odd (Williams 1949).
     """
@@ -191,7 +191,7 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> AllocationSlot:
-    """Return the slot of a participant at an index of the list, or of a stratum's list.
+    """Return the slot at an index of the allocation list, or of the list of ``stratum`` in a study with strata.
 
     In a study with strata, None stands for the first stratum.
 
@@ -219,9 +219,10 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
 
 
 def _draw_groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
-    """Draw the index of the group of each of ``count`` slots, in permuted blocks of varying size.
+    """Return the index of the group of each of ``count`` slots, drawn in permuted blocks of varying size.
 
-    A permuted block has each group one to three times, multiplied by the group's allocation ratio.
+    A permuted block has each group one to three times, multiplied by the group's allocation ratio. ``suffix`` names the
+    random streams of a stratum.
     """
     seed = protocol.study.seed
     groups: list[int] = []
@@ -239,7 +240,7 @@ def _draw_groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
 
 
 def _draw_positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
-    """Draw a row for each slot: for each action, the index of its key in the pool.
+    """Return a row for each slot, drawn at random, with the index in the key pool of each action's key.
 
     A row has as many actions as the block with the most actions. In each run of as many slots as the pool has keys,
     each row of a square is used once, by the slot whose group has used its keys least.
@@ -271,14 +272,15 @@ def _zero_uses(n_actions: int, n_keys: int) -> list[list[int]]:
 
 
 def _count_uses(uses: list[list[int]], row: tuple[int, ...]) -> int:
-    """Return how often a group has used the keys of a row for the row's actions; ``uses`` is by action and key."""
+    """Return how often a group has used a row's keys for their actions; ``uses[action][key]`` counts each use."""
     return sum(uses[action][key] for action, key in enumerate(row))
 
 
 def _build_key_square(n_keys: int, n_actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
-    """Draw a row of different keys, one for each action, for each of as many slots as there are keys.
+    """Return ``n_keys`` rows, each for one slot, with the index of a different key for each of ``n_actions`` actions.
 
-    Each column, which is for an action, contains each key exactly once.
+    Each column, which is for an action, contains each key exactly once. The random numbers depend on ``seed``,
+    ``purpose`` and ``index``, the number of the square.
     """
     keys = draw_permutation(n_keys, seed=seed, purpose=f"{purpose}-keys", index=index)
     shifts = draw_permutation(n_keys, seed=seed, purpose=f"{purpose}-shifts", index=index)

@@ -23,7 +23,7 @@ _MAX_NAMED = 6  # texts in a line
 
 
 def list_text_warnings(protocol: Protocol) -> Iterator[str]:
-    """Yield a warning for each interface text without a translation, and for each kind of misread texts."""
+    """Yield a warning for each interface text without a translation, and for each way in which texts are misread."""
     yield from list_missing_words(protocol)
     yield from list_ambiguous_texts(protocol)
 
@@ -81,7 +81,7 @@ def _list_texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
 
 
 def _list_labels(protocol: Protocol) -> Iterator[tuple[str, str]]:
-    """Yield the block and column, and the text, of each distinct label of the trials' stimuli."""
+    """Yield the place, as "BLOCK.COLUMN", and the text of each distinct label of the trials' stimuli."""
     for block in protocol.blocks:
         if block.stimuli is None:
             continue

@@ -69,9 +69,13 @@ class Design(ABC):
 
     @abstractmethod
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Decide on the next episode, from the block's episodes so far and random numbers.
+        """Decide on the next episode.
 
         After the block's last episode, only the estimates of the decision are used.
+
+        Args:
+            history: the block's episodes so far, the latest last.
+            draw: returns as many random numbers in [0, 1) as its argument asks for.
         """
 
 
@@ -95,7 +99,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 class EnrolmentDecision:
     """An enrolment design's decision from its statistics."""
 
-    group: str = ""  # of the next participant
+    group: str = ""  # of the next participant; "" if the design assigns none
     stop: bool = False  # no further participant is enrolled
     estimates: Mapping[str, float] = field(default_factory=dict)
 
@@ -118,7 +122,7 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute the sufficient statistics as JSON values.
+        """Compute the statistics from which `decide` decides, as JSON values.
 
         A design for stopping includes ``look``, the number of the latest planned look, 0 before the first.
 
@@ -129,14 +133,17 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Decide on the next participant's group, or to stop enrolment, from the statistics and random numbers.
+        """Decide on the next participant's group, or to stop enrolment.
 
-        ``stratum`` is the participant's stratum, "" without strata.
+        Args:
+            statistics: the result of `compute_statistics`.
+            stratum: the participant's stratum; "" without strata.
+            draw: returns as many random numbers in [0, 1) as its argument asks for.
         """
 
 
 def make_design(spec: DesignSpec) -> Design:
-    """Make the design of a block from its name and settings.
+    """Return the design of a block, made from its name and settings.
 
     Raises:
         ProtocolError: if there is no design of that name, it is of another type, or a setting is invalid.
@@ -145,7 +152,7 @@ def make_design(spec: DesignSpec) -> Design:
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """Make a design that decides at enrolment from its name and settings.
+    """Return a design that decides at enrolment, made from its name and settings.
 
     Raises:
         ProtocolError: as `make_design` does.
@@ -157,7 +164,7 @@ SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)
 
 
 def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) -> SettingsType:
-    """Convert a design's settings to its struct.
+    """Return a design's settings as a struct of type ``kind``.
 
     Raises:
         ProtocolError: if a setting is unknown, missing or of another type.
@@ -179,5 +186,5 @@ def require_setting(holds: bool, complaint: str) -> None:
 
 
 def round_estimate(value: float) -> float:
-    """Round to six significant digits, so that every processor gives the same number."""
+    """Return a number rounded to six significant digits, so that every processor gives the same number."""
     return float(f"{value:.6g}")

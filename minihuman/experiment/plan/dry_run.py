@@ -62,7 +62,7 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
-    """Yield the pay for each way in which a session with partners can end."""
+    """Yield a line on the pay for each way in which a session with partners can end; nothing without partners."""
     teams = [part.plan.team for part in plan.parts if isinstance(part.plan, TeamPlayPlan)]
     teams = [team for team in teams if len(team.persons) > 1]
     if not teams:
@@ -84,7 +84,7 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
 def list_missing_words(protocol: Protocol) -> Iterator[str]:
     """Yield a line for each interface text that the study's language lacks and English replaces.
 
-    Such a text is newer than the study's own language, or belongs to a kind of question without texts in the language.
+    The text is newer than the study's own language, or belongs to a kind of question without texts in the language.
     """
     language = protocol.study.language
     missing_words: list[str] = []
@@ -161,7 +161,7 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
-    """Yield lines that describe a block: its world, keys, pace, limits and episodes."""
+    """Yield lines that describe part ``number``, a block: its world, keys, pace, limits and episodes."""
     episodes = plan.episodes[play.first : play.first + play.count]
     first = episodes[0]
     options = "".join(f", {name}={option!r}" for name, option in first.options.items())
@@ -183,7 +183,7 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
 
 
 def _describe_keys(play: PlayPlan, episode: EpisodePlan) -> Iterator[str]:
-    """Yield a line with the keys of a block, or one for each seat of a team."""
+    """Yield a line with the keys of a block, or one for each seat of a team; ``episode`` is the block's first."""
     visibility = " (shown)" if episode.show_keys else ""
     if isinstance(play, TeamPlayPlan) and play.team.seat_keys:
         for seat, actions_by_key in enumerate(play.team.seat_keys):
@@ -216,7 +216,7 @@ def _describe_real_time(episode: EpisodePlan) -> str:
 
 
 def _describe_limits(play: PlayPlan) -> Iterator[str]:
-    """Yield lines about what ends a block early, its time limits and its points."""
+    """Yield a line each about a block's stop criterion, time limits and points, as far as it has them."""
     if play.until:
         yield f"  until  {play.until.successes} of the last {play.until.of} reach the goal, then {play.until.otherwise}"
     limits_s = {"episode": play.max_s, "block": play.block_max_s}
@@ -251,7 +251,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         ProtocolError: if worlds contradict the protocol, naming every such block, or if a world cannot be played.
     """
     _check_actions(protocol, source)
-    notices: dict[str, None] = {}
+    notices: dict[str, None] = {}  # in order, each once
     examined: dict[bytes, ConformanceReport] = {}
     for number, block in enumerate(protocol.blocks):
         path = f"{source}: $.blocks[{number}].world: {block.world}"
@@ -269,7 +269,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
 
 
 def _judge_report(report: ConformanceReport, block: BlockSpec, path: str, *, provable: bool) -> list[str]:
-    """Return the notices in the report on a block's world; raise ProtocolError if the world must be refused."""
+    """Return the notices in the report on a block's world; raise ProtocolError, at ``path``, if it must be refused."""
     if report.broken:
         raise ProtocolError(f"{path} cannot be played ({report.broken[0]})")
     faults = list(report.unsound)
@@ -284,7 +284,7 @@ def _judge_report(report: ConformanceReport, block: BlockSpec, path: str, *, pro
 
 
 def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
-    """Return the report on a block's world, played as participants will; ``examined`` keeps reports of equal blocks."""
+    """Return the report on a block's world, played as participants will; ``examined`` keeps all reports."""
     rehearsal = _build_rehearsal(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
     key = msgspec.json.encode(rehearsal)
     if key not in examined:
@@ -293,7 +293,7 @@ def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *
 
 
 def _build_rehearsal(block: BlockSpec, steps: int) -> Rehearsal:
-    """Return the settings with which a conformance check plays a block as its participants will."""
+    """Return the settings with which a conformance check plays ``steps`` steps of a block as participants will."""
     seeds = tuple(dict.fromkeys(_list_tried_seeds(block)))
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:
@@ -345,7 +345,7 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield the notices of `check_worlds` (by default computed here), actions that blocks lack, and compiled rules."""
+    """Yield the ``notices`` of `check_worlds` (computed here if None), actions that blocks lack, and compiled rules."""
     yield from check_worlds(protocol) if notices is None else notices
     for block in protocol.blocks:
         missing_actions = sorted(_find_missing_actions(block))
@@ -378,7 +378,7 @@ def _find_missing_actions(block: BlockSpec) -> set[str]:
 
 
 def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS)) -> set[str]:
-    """Return the actions on the shortest paths to success in a world's first layouts; empty without a planner."""
+    """Return the actions on shortest paths to success from the first `N_TRIED_SEEDS` seeds; empty without a planner."""
     needed: set[str] = set()
     if not isinstance(world.unwrapped, NativeWorld):
         return needed
@@ -390,7 +390,7 @@ def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS
 
 
 def list_world_notices(world: World) -> list[str]:
-    """Return notices about one world, which is created anew and played with every action."""
+    """Return notices about a world, created anew and played; none for built-in worlds with numbered actions."""
     if world.is_built_in and not isinstance(world.actions, VectorActions):
         return []
     rehearsal = Rehearsal(world.id, world.options, (0,), tuple(world.actions.numbers), steps=N_STARTED_STEPS)
@@ -483,7 +483,7 @@ def _find_unknown_actions(block: BlockSpec, action_names: Sequence[str]) -> Iter
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
-    """Explain why a block's world could not be made; for an unknown id, suggest a similar one."""
+    """Return why a block's world could not be made; for an unknown id, with a similar one."""
     reason = str(error).removeprefix(f"{block.world}: ")
     own_ids = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     if block.world in own_ids or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):

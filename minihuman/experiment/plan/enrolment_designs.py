@@ -41,7 +41,7 @@ class Minimisation(EnrolmentDesign):
         require_setting(weight >= 0, f"stratum_weight is {weight:g}; use 0 or more")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Count the participants by group, in the whole study and in each stratum."""
+        """Return the allocation ratios, and the counts of participants by group in the whole study and each stratum."""
         participants_by_stratum: dict[str, list[EnrolledParticipant]] = {}
         for participant in enrolled:
             if participant.stratum:
@@ -56,7 +56,7 @@ class Minimisation(EnrolmentDesign):
         }
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Choose the group that leaves the least imbalance with the coin's probability, and otherwise another group."""
+        """Choose a group that leaves the least imbalance with the set ``probability``, and otherwise another group."""
         ratios: dict[str, int] = statistics["ratios"]
         weighted_counts: list[tuple[float, Mapping[str, int]]] = [(1.0, statistics["all"])]
         if stratum:
@@ -121,7 +121,7 @@ class Thompson(EnrolmentDesign):
         require_setting(min(self.settings.prior) > 0, f"prior is {list(self.settings.prior)}; use two above 0")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute the sums of successes and failures by group, in participants."""
+        """Return, by group, the sums of its participants' proportions of successes and of failures."""
         sums = {}
         for group in groups:
             successes: float = 0
@@ -178,7 +178,7 @@ class GroupSequential(EnrolmentDesign):
         require_setting(0 < alpha < 0.5, f"alpha is {alpha:g}; use 0.05")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute the number of the latest look, and the n, mean and variance of each group's outcomes up to it."""
+        """Return the number of the latest look, and the n, mean and variance of both groups' outcomes up to it."""
         complete = [participant for participant in enrolled if participant.value is not None]
         reached = [look for look in self.settings.looks if look <= len(complete)]
         participants_at_look = complete[: reached[-1]] if reached else []
@@ -212,7 +212,7 @@ class GroupSequential(EnrolmentDesign):
 
 
 def _summarize_group(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
-    """Return the number, mean and variance of the outcomes of a group's participants."""
+    """Return the number, mean and variance (0 for fewer than two) of the outcomes of a group's participants."""
     group_outcomes = [participant.value for participant in enrolled if participant.group == group]
     outcomes = [outcome for outcome in group_outcomes if outcome is not None]
     mean = np.mean(outcomes or [0.0])

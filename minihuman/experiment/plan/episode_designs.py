@@ -76,6 +76,7 @@ class Staircase(Design):
             estimates["threshold"] = round_estimate(sum(map(float, averaged_values)) / len(averaged_values))
         stop = bool(settings.stop_reversals) and len(reversals) >= settings.stop_reversals
         posterior = (index, n_successes, direction, reversals)
+        # None: the plan's reset seed
         return DesignDecision({settings.option: settings.values[index]}, None, stop, estimates, posterior)
 
 
@@ -120,7 +121,7 @@ class QuestPlus(Design):
         self._log_chance = (_compute_log_units(1 - self._chance), _compute_log_units(self._chance))  # failure, success
 
     def _compute_success_chance(self) -> NDArray[np.float64]:
-        """Compute the probability of success by a Weibull function, float64[values, thresholds, slopes]."""
+        """Return the probability of success by Weibull functions, float64[values, thresholds, slopes]."""
         spec = self.settings
         log_ratio = np.log(np.array(spec.values))[:, None, None] - self._log_thresholds[:, None]
         direction = 1 if spec.harder == "smaller" else -1
@@ -149,6 +150,7 @@ class QuestPlus(Design):
         }
         best = int(np.argmin(np.round(self._compute_expected_entropy(posterior), 9)))
         stop = bool(history) and estimates["threshold_log_sd"] < settings.stop_sd
+        # None: the plan's reset seed
         return DesignDecision({settings.option: settings.values[best]}, None, stop, estimates, log_likelihood)
 
     def _compute_expected_entropy(self, posterior: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -162,7 +164,7 @@ class QuestPlus(Design):
 
 
 def _compute_weighted_entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the entropy of the distribution in each row in nats, multiplied by the row's sum."""
+    """Return, by row, the entropy in nats of the row's numbers scaled to the sum 1, multiplied by their sum."""
     joint = np.maximum(joint, 1e-300)  # as 0 has no logarithm
     total = joint.sum(axis=1)
     entropy: NDArray[np.float64] = total * np.log(total) - (joint * np.log(joint)).sum(axis=1)
@@ -183,7 +185,8 @@ class LevelReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 class LevelReplay(Design):
     """A curriculum by regret: prioritized level replay (Jiang et al., 2021, ICML) over a list of levels.
 
-    A level's regret is its best return minus its latest. Levels are replayed by the rank of their regret.
+    A level's regret is the setting ``best_return`` minus the level's latest return, at least 0. Levels are replayed by
+    the rank of their regret.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -215,12 +218,13 @@ class LevelReplay(Design):
             mean_regret = sum(regret for regret, _ in regrets.values()) / len(regrets)
             estimates["regret"] = round_estimate(mean_regret)
         options, seed = self._levels[level]
+        # False: it never ends the block
         return DesignDecision(options, seed, False, estimates, sorted(regrets.items()))
 
     def _choose_played_level(
         self, regrets: Mapping[int, tuple[float, int]], n_episodes: int, level_share: float
     ) -> int:
-        """Choose among the played levels by the rank of their regret and the time since they were played.
+        """Return the index of a played level, chosen by the rank of its regret and the episodes since it was played.
 
         Args:
             regrets: the regret and the index of the latest episode, by level.

@@ -69,7 +69,7 @@ def expand_protocol(
     segment: int = 1,
     outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
-    """Plan everything that a session contains, before its first key press.
+    """Return the plan of everything that a participant's session contains, before its first key press.
 
     A plan made before the participant's group is drawn is valid only up to the draw. ``overridden`` means that the
     participant or the group was chosen by hand. A resumed session begins at the episode of index ``first_episode``, in
@@ -134,7 +134,7 @@ def _set_outcome_rule(episode: EpisodePlan, rule: str) -> EpisodePlan:
 
 
 def _find_closing_text(protocol: Protocol) -> str:
-    """Return the closing text in [study], or that of the study's language if it states none."""
+    """Return the closing text in [study] (may be ""), or that of the study's language if [study] states none."""
     closing = protocol.study.closing
     if closing is None:
         return load_study_words(protocol)["closing.text"]
@@ -142,7 +142,7 @@ def _find_closing_text(protocol: Protocol) -> str:
 
 
 def _build_block_text(protocol: Protocol, block: BlockSpec) -> BlockText:
-    """Build the texts around a block; feedback that depends on the outcome is left out."""
+    """Return the texts around a block; its feedback is "" if it depends on the outcome."""
     feedback = block.feedback if isinstance(block.feedback, str) else ""
     return BlockText(block.instructions, feedback, block.rest_text, protocol.study.min_rest_s)
 
@@ -150,7 +150,7 @@ def _build_block_text(protocol: Protocol, block: BlockSpec) -> BlockText:
 def _plan_blocks(
     protocol: Protocol, blocks: list[BlockSpec], participant: Participant, session: int, slot: AllocationSlot
 ) -> list[EpisodePlan]:
-    """Plan the episodes of a session's blocks, in order."""
+    """Return the plans of the episodes of a session's blocks, in order; ``slot`` is the participant's."""
     key_maps = KeyMapPlanner(protocol, participant, session, slot)
     episodes: list[EpisodePlan] = []
     for number, block in enumerate(blocks):
@@ -180,7 +180,7 @@ def _plan_episodes(
     seeds: Sequence[int],
     first_episode: int,
 ) -> list[EpisodePlan]:
-    """Plan the episodes of a session's block ``number``, each with its stimulus and reset seed."""
+    """Return the episode plans of a session's block ``number``, one for each seed, numbered from ``first_episode``."""
     return [
         EpisodePlan(
             episode=first_episode + index,
@@ -215,7 +215,11 @@ def _plan_episodes(
 def _find_reset_seeds(
     protocol: Protocol, block: BlockSpec, draw: int, participant: Participant, session: int
 ) -> tuple[int, ...]:
-    """Return the world's reset seed of each of a block's episodes: those that the protocol lists, or drawn ones."""
+    """Return the world's reset seed of each of a block's episodes.
+
+    They are the seeds that the block lists; if it has "new", a drawn seed for each episode; if it has "same", one drawn
+    seed for all. ``draw`` is the index of the block's draw of keys and seeds.
+    """
     if isinstance(block.seeds, tuple):
         return block.seeds
     purpose = f"layouts-{draw}-{block.name}-session-{session}"

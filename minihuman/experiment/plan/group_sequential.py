@@ -15,7 +15,9 @@ _N_GRID_POINTS = 801  # of the grid on which the score's density is evaluated
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
-    """Return the part of alpha that is spent up to a fraction of the information.
+    """Return the part of the two-sided ``alpha`` that is spent up to a fraction of the information.
+
+    The fraction is above 0 and at most 1.
 
     The spending function is of the O'Brien-Fleming type (Lan & DeMets, 1983).
     """
@@ -50,10 +52,15 @@ def _find_boundary(density: "_ScoreDensity", fraction: float, alpha_of_look: flo
 
 
 def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:
-    """Compute the p value of a study that stopped at the last of its looks with a given z.
+    """Compute the two-sided p value of a study that stopped at the last of its looks.
 
     By stagewise ordering (Tsiatis, Rosner & Mehta, 1984, Biometrics 40), p is the probability of stopping earlier, or
     of a z at least as extreme at this look.
+
+    Args:
+        z: the z at the last look that was taken.
+        fractions: the fraction of the information at each look up to that one.
+        boundaries: the boundary of each look; those of the last look and later ones are not used.
     """
     density = _ScoreDensity()
     p_earlier = 0.0

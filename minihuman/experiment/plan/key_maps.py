@@ -28,7 +28,7 @@ class KeyMapPlanner:
         self._latest: tuple[BlockSpec, KeyMap] | None = None  # the previous block and its key map
 
     def plan(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Plan the key map of the session's next block; ``draw`` is the index of the block's draw of keys.
+        """Return the key map of the session's next block; ``draw`` is the index of the block's draw of keys.
 
         Raises:
             ProtocolError: if the block would carry over a map for a different number of actions.
@@ -46,24 +46,24 @@ class KeyMapPlanner:
         return key_map
 
     def _draw(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Draw a block's keys; those of the first session come from the allocation list, which balances them."""
+        """Return a key map with drawn keys; the first session's are from the allocation list, which balances them."""
         if self._session == 1:
             return self._map_row(block, draw, self._slot.positions[draw])
         return self._map_row(block, draw, self._permute(len(self._pool), f"key-map-{draw}"))
 
     def _map_row(self, block: BlockSpec, draw: int, row: tuple[int, ...]) -> KeyMap:
-        """Build the key map in which each action gets the pool's key at the index in ``row`` for the action."""
+        """Return the key map in which a block's i-th action has the pool's key of index ``row[i]``."""
         keys = {self._pool[key_index]: action for key_index, action in zip(row, block.actions, strict=False)}
         return self._deal_spare_keys(block, draw, keys)
 
     def _carry_over(self, block: BlockSpec, draw: int, previous_block: BlockSpec, key_map: KeyMap) -> KeyMap:
-        """Carry over the previous block's keys, matching actions by their position in the two blocks' lists.
+        """Return the previous block's key map with each action replaced by the action at its position in the new block.
 
         Raises:
             ProtocolError: if the blocks differ in their number of actions.
         """
         previous_actions = previous_block.actions
-        if len(previous_actions) != len(block.actions):  # only in an earlier log, as such a protocol is refused now
+        if len(previous_actions) != len(block.actions):  # only in an earlier log, as the protocol is refused now
             counts = f"{len(block.actions)} actions for a key map with {len(previous_actions)}"
             raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
         new_actions = dict(zip(previous_actions, block.actions, strict=True))
@@ -71,7 +71,7 @@ class KeyMapPlanner:
         return self._deal_spare_keys(block, draw, keys)
 
     def _deal_spare_keys(self, block: BlockSpec, draw: int, keys: dict[str, str]) -> KeyMap:
-        """Build a key map from the action of each key, with a block's distractors dealt to the spare keys.
+        """Return a key map from ``keys``, the action of each key, with a block's distractors dealt to the spare keys.
 
         The distractors are dealt in turn to the spare keys in random order; without distractors the keys stay spare.
         """
@@ -85,6 +85,6 @@ class KeyMapPlanner:
         return KeyMap(keys=keys, spare_keys=spare_keys, spare=self._protocol.keys.spare_keys, seed=seed)
 
     def _permute(self, count: int, purpose: str) -> tuple[int, ...]:
-        """Draw a permutation of 0 to count - 1 for a purpose in the participant's session."""
+        """Return a random permutation of 0 to count - 1 that depends on a purpose and the participant's session."""
         purpose = f"{purpose}-session-{self._session}"
         return draw_permutation(count, seed=self._protocol.study.seed, purpose=purpose, index=self._participant.index)

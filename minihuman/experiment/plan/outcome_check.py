@@ -35,7 +35,7 @@ SUCCESS_MEASURES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TriedWorld:
-    """The contents of a world's ``info`` during trial steps."""
+    """The contents of a world's ``info`` during the steps in which it was tried."""
 
     is_own: bool  # whether the world is written with our classes, whose rewards define success
     values: Mapping[str, Any] = field(default_factory=dict)  # the first value of each key
@@ -43,7 +43,7 @@ class TriedWorld:
     def can_know_success(self, rule: StatedRule) -> bool:
         """Return whether success can be known under an outcome rule in the world.
 
-        A key of ``info`` that was not there during the trial steps may still come, as at an episode's end.
+        A key of ``info`` that was not there during these steps may still come, as at an episode's end.
         """
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
@@ -58,6 +58,8 @@ class TriedWorld:
 def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
     """Check the outcome rules of a protocol's blocks; return lines that describe them and the ``info`` that is kept.
 
+    ``source`` names the protocol's file in errors.
+
     Raises:
         ProtocolError: if something needs success in a block in which it is unknown, or a rule reads a key of ``info``
             that is no yes or no.
@@ -70,7 +72,7 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
             _refuse_unknown_success(protocol, block, rule, tried, source)
         lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
         lines += _describe_info(block, rule, tried)
-    return tuple(dict.fromkeys(lines))
+    return tuple(dict.fromkeys(lines))  # each once, as groups' variants of a block may have equal lines
 
 
 def _refuse_unknown_success(
@@ -133,7 +135,7 @@ def _describe_keys(tried: TriedWorld) -> str:
 
 
 def _describe_content(content: Any) -> str:
-    """Describe a value of ``info`` in a few words."""
+    """Return a few words that describe a value of ``info``, such as "an array of shape (3,)"."""
     shape = getattr(content, "shape", None)
     if shape is not None:
         return f"an array of shape {tuple(shape)}"
@@ -143,7 +145,7 @@ def _describe_content(content: Any) -> str:
 
 
 def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
-    """Return names of what needs success in a block: its stop criterion, points, designs and the analysis."""
+    """Return the names of what needs success in a block: stop criterion, points, designs, analysis; empty if none."""
     needs: list[str] = []
     if block.stop_criterion is not None:
         needs.append("stop_criterion")
@@ -167,7 +169,7 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
-    """Play a block's world for some steps, with every action of the block in turn, and return its ``info``.
+    """Play a block's world for `N_TRIED_STEPS` steps, with all its actions in turn, and return the ``info`` seen.
 
     A world of the catalogue is not played if the block states no rule for success and records no ``info``.
     """

@@ -13,6 +13,9 @@ CLOSING = "closing"
 def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
     """Return the names of a session's parts in order, default parts such as the keyboard check included.
 
+    ``slot`` has the order in which the participant does the parts of each of the protocol's orders; ``session`` is the
+    session's number, from 1.
+
     Raises:
         AllocationError: if the study has no such session.
     """
@@ -41,7 +44,7 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
 
 
 def _surround_blocks(protocol: Protocol, group: str) -> list[str]:
-    """Return a group's blocks with the consent, keyboard check and closing around them."""
+    """Return the names of a group's blocks, with the consent, keyboard check and closing that the protocol asks for."""
     parts: list[str] = []
     if protocol.study.consent:
         parts.append(CONSENT)
@@ -78,7 +81,7 @@ def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> li
 
 
 def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
-    """Insert the debriefing page before the closing page, if the protocol discloses the partners only then."""
+    """Return the parts with a debriefing before the closing page, if a block discloses its partners only there."""
     teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
     if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
         return names
@@ -89,10 +92,10 @@ def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
 
 
 def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:
-    """Return whether any of the named parts is a page with a role, "asks_consent" or "closing"."""
+    """Return whether any of the named parts is a page whose field ``role``, "asks_consent" or "closing", is true."""
     return any(page.name in names and getattr(page, role) for page in protocol.pages)
 
 
 def is_block(protocol: Protocol, name: str) -> bool:
-    """Return whether a part is a block."""
+    """Return whether ``name`` is the name of one of the protocol's blocks."""
     return any(block.name == name for block in protocol.blocks)

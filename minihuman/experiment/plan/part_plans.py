@@ -34,7 +34,7 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
-    """Return the interface texts of a study that differ from English; none for most English studies."""
+    """Return, by key, the interface texts of a study that differ from English; empty for most English studies."""
     language = protocol.study.language
     stated_words = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
@@ -48,12 +48,12 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
-    """Load the interface texts of a study."""
+    """Return the interface texts of a study, in its language and with its replacements."""
     return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
 
 
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
-    """Return the text of the first consent page among a group's parts, or the consent text in [study] without one."""
+    """Return the text of the first consent page among the parts ``names``; without one, the consent text in [study]."""
     for name in names:
         page = protocol.page_for(name, group)
         if page is not None and page.asks_consent:
@@ -69,7 +69,7 @@ def plan_parts(
     blocks: Sequence[BlockSpec],
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
-    """Plan each part of a session, in order; ``blocks`` and ``episodes`` are in the order of the parts' names.
+    """Yield the plan of each part of a session, in order; ``blocks`` and ``episodes`` are in the order of ``names``.
 
     Raises:
         ProtocolError: if a page's picture is missing, or questions return to a part outside the session.
@@ -105,7 +105,7 @@ def plan_parts(
 def _plan_optional_fields(
     protocol: Protocol, participant: Participant, session: int, block: BlockSpec
 ) -> dict[str, Any]:
-    """Plan the fields of a block's plan that only some blocks have: rules of trials, bindings and a design.
+    """Return the fields of a block's plan that only some blocks have: rules of trials, bindings and a design.
 
     Fields that the block lacks are unset.
     """
@@ -129,7 +129,7 @@ def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
 
 
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
-    """Build the consent or closing page from the texts in ``[study]``."""
+    """Return the consent or closing page, whichever ``name`` is, with the text in ``[study]``."""
     study = protocol.study
     if name == CONSENT:
         return PageSpec(CONSENT, study.consent, words["consent.title"], asks_consent=True)
@@ -138,7 +138,7 @@ def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) ->
 
 
 def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
-    """Plan a page of text; a consent page is identified by the SHA-256 of its text.
+    """Return the plan of a page of text; a consent page is identified by the SHA-256 of its text.
 
     Raises:
         ProtocolError: if a picture of the page is missing.
@@ -177,7 +177,7 @@ def _find_pagination_rules(pages: Sequence[str]) -> int | msgspec.UnsetType:
 
 
 def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
-    """Return the whole text that a page or a block's instructions show in pages; None for other parts."""
+    """Return the whole text of a page or of a block's instructions; None for a part in [[activities]]."""
     if any(activity.name == name for activity in protocol.activities):
         return None
     if is_block(protocol, name):
@@ -189,7 +189,7 @@ def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
 def _plan_questionnaire(
     protocol: Protocol, participant: Participant, session: int, spec: QuestionnaireSpec, names: Sequence[str]
 ) -> QuestionsPlan:
-    """Plan a questionnaire, with the items of its shipped form, in the participant's order.
+    """Return the plan of a questionnaire, with its own items or its shipped form's, in the participant's order.
 
     Raises:
         ProtocolError: if the questions return to a part that is not among the session's ``names``.
@@ -227,7 +227,7 @@ def _plan_block(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """Plan the block of a given number: the fields that all blocks have, and those that its kind adds."""
+    """Return the plan of ``blocks[number]``: the fields that all blocks have, and those that its kind adds."""
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
@@ -265,7 +265,7 @@ def _plan_play(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """Plan the fields that blocks of all kinds have, for the block of a given number."""
+    """Return the plan of ``blocks[number]`` with the fields that blocks of all kinds have."""
     block = blocks[number]
     n_blocks = len(blocks)
     block_episodes = [episode for episode in episodes if episode.block == number]
@@ -298,14 +298,14 @@ def _plan_play(
 
 
 def _format_block_number(words: InterfaceWords, number: int, n_blocks: int) -> str:
-    """Format the title of a block without one, such as "Part 1 of 2"; "" if there is only one block."""
+    """Return a title for the block of index ``number``, such as "Part 1 of 2"; "" if there is only one block."""
     if n_blocks < 2:
         return ""
     return words.fill("progress.part", part=number + 1, parts=n_blocks)
 
 
 def _plan_feedback(block: BlockSpec) -> dict[str, str]:
-    """Return the feedback by outcome, without outcomes that have none."""
+    """Return the feedback text by outcome, without outcomes that have none."""
     texts = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else block.feedback
     return {outcome: text for outcome, text in texts.items() if text}
 

@@ -20,7 +20,7 @@ def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArra
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
     """Return a function that returns the first random numbers in [0, 1) of the stream (seed, purpose, index).
 
-    Its argument is their number; it returns the same numbers at each call.
+    Its argument is how many numbers it returns; each call begins at the first number of the stream.
     """
 
     def draw(count: int) -> tuple[float, ...]:
@@ -32,6 +32,7 @@ def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[floa
 
 def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
     """Draw ``count`` reset seeds of worlds, in [0, 2**31), from the stream (seed, purpose, index)."""
+    # the upper 31 bits of each word
     return tuple(int(word) >> 33 for word in draw_words(count, seed=seed, purpose=purpose, index=index))
 
 

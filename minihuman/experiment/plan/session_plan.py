@@ -39,13 +39,13 @@ class Participant(msgspec.Struct, frozen=True):
 class KeyMap(msgspec.Struct, frozen=True):
     """The action of each physical key, the keys left over, and the seed of the draw."""
 
-    keys: dict[str, str]  # physical key name (study/keys.py) -> action name, distractors included
+    keys: dict[str, str]  # physical key name (experiment/keys.py) -> action name, distractors included
     spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
     spare: SpareKeyPolicy  # how spare keys were dealt with: left without an action, or given the block's distractors
     seed: int
 
     def judge_idle_key(self, key: str) -> Literal["spare", "unmapped"]:
-        """Return the verdict on a press of a key that has no action."""
+        """Return the verdict on a press of a key that has no action: whether the key is one of the spare keys."""
         if key in self.spare_keys:
             return "spare"
         return "unmapped"
@@ -55,7 +55,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     """The plan of one episode, with every random choice made."""
 
     episode: int  # 0 for the session's first
-    block: int  # index into the group's blocks
+    block: int  # index into the session's blocks
     block_name: str
     episode_in_block: int
     episodes_in_block: int
@@ -115,7 +115,7 @@ class PartPlan(msgspec.Struct, frozen=True):
 
     @property
     def closes_session(self) -> bool:
-        """Return whether the part consists of the session's closing text alone."""
+        """Return whether the part is the session's closing text."""
         return False
 
     @property
@@ -150,7 +150,7 @@ class ResumeState(msgspec.Struct, frozen=True):
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The rules of the bonus."""
+    """The rules by which a session earns a bonus in money."""
 
     per_point: float
     currency: str = ""
@@ -170,7 +170,7 @@ class SessionPlan(msgspec.Struct, frozen=True):
     participant: Participant
     session: int  # 1 for the first
     study_seed: int
-    allocation_sha256: str | None  # hash of the up-front allocation list; None when overridden
+    allocation_sha256: str | None  # hash of the up-front allocation list; None if the log has none
     overridden: bool  # whether participant or group was chosen by hand
     consent_text: str  # empty for no consent screen
     consent_sha256: str

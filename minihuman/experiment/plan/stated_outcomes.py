@@ -36,7 +36,7 @@ class StatedRule(NamedTuple):
         return not parse_outcome_rule(self.rule).conditions
 
     def describe(self) -> str:
-        """Describe the rule in one line."""
+        """Return one line that describes the rule and who stated it."""
         words = describe_rule(self.rule)
         match self.stated_by:
             case "table":
@@ -50,7 +50,7 @@ class StatedRule(NamedTuple):
 
 
 def describe_rule(rule: str) -> str:
-    """Describe an outcome rule in words."""
+    """Return an outcome rule in words, such as "success if terminated and reward > 0"."""
     text = rule.removesuffix(AT_ANY_STEP)
     suffix = rule[len(text) :]
     if text == NO_RULE:
@@ -63,7 +63,9 @@ def describe_rule(rule: str) -> str:
 
 
 def find_outcome_rule(block: BlockSpec, *, outcome_rules: int = OUTCOME_RULES) -> StatedRule:
-    """Return a block's outcome rule; ``outcome_rules`` is 0 for a study that began before there were any.
+    """Return a block's outcome rule and who stated it.
+
+    ``outcome_rules`` is the version of the rules that define outcomes: 0 in a study that began before there were any.
 
     Raises:
         ProtocolError: if the rule that the block states is not valid.

@@ -50,7 +50,7 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
         ProtocolError: if a row cannot be played, with a line for each that names row, column, value and correction.
     """
     _check_used_labels(protocol, source)
-    notices: dict[str, None] = {}
+    notices: dict[str, None] = {}  # in order, each once
     for number, block in enumerate(protocol.blocks):
         place = f"{source}: $.blocks[{number}].stimuli"
         for group in ("", *block.group_overrides):
@@ -140,7 +140,7 @@ def _find_unknown_conditions(protocol: Protocol, levels: list[str]) -> Iterator[
 
 
 def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
-    """Return the levels of each label in a protocol's tables of stimuli, in any group."""
+    """Return, by label, the levels of each label in a protocol's tables of stimuli, in any group."""
     levels: dict[str, list[Any]] = {}
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
@@ -266,7 +266,7 @@ def _try_options(block: BlockSpec, options: dict[str, Any]) -> str:
 
 
 def _play_trial(world: World, action: int, max_steps: int) -> None:
-    """Reset a world and repeat an action until the trial ends, for at most a number of steps."""
+    """Reset a world and repeat an action until the trial ends, for at most ``max_steps`` steps."""
     world.reset(0)
     for _ in range(max_steps):
         step = world.step(action)
@@ -316,7 +316,7 @@ def _list_shown_columns(block: BlockSpec) -> dict[str, str]:
 
 
 def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
-    """Return an error for each column that the timeline names and neither the table nor the design has."""
+    """Return an error for each column that the timeline names and that is neither in ``columns`` nor the design's."""
     available = set(columns)
     if block.design is not None:
         available.add(str(block.design.settings.get("option", "")))
@@ -334,12 +334,13 @@ def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
 def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, Any], place: str) -> list[str]:
     """Return the errors because of which a row's trial cannot be drawn, heard or ended.
 
-    The trial is tried twice: with each drawn time at the least and at the most of its range.
+    The trial is tried twice: with each drawn time at the least and at the most of its range. ``cells`` has the world's
+    options and the row's cells, and ``place`` is where the row is.
     """
     assert block.timeline is not None
     design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""
     cells = {"delay_ms": 0.0, design_option: 0.0} | cells
-    mistakes: dict[str, None] = {}
+    mistakes: dict[str, None] = {}  # in order, each once
     for share in _SHARES:
         try:
             schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _make_constant_draw(share))
@@ -377,12 +378,12 @@ def _list_timeline_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str
 
 
 def _make_constant_draw(share: float) -> DrawShare:
-    """Return a function that draws the same random share, 0 to 1, for each place in a timeline."""
+    """Return a function that returns ``share``, 0 to 1, as the random number of each place in a timeline."""
     return lambda place: share
 
 
 def _describe_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
-    """Describe a trial that lasts too long for the timeline's ``soa_ms``; return "" for any other trial."""
+    """Return a message about a trial that lasts too long for the timeline's ``soa_ms``; "" for any other trial."""
     assert block.timeline is not None
     soa_ms = block.timeline.soa_ms
     if not soa_ms or schedule.end_ns is None:

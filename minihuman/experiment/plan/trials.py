@@ -41,7 +41,7 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
-    """Plan the rules of a block's trials, with drawn intervals; unset for a block in which all rules are the defaults.
+    """Return the rules of a block's trials, with drawn intervals; unset if all of them are the defaults.
 
     Args:
         block: the block.
@@ -64,7 +64,9 @@ def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> T
 
 
 def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[TrialStimulus]:
-    """Plan the stimulus of each of a block's trials, without the block's own options.
+    """Return the stimulus of each of a block's trials, without the block's own options.
+
+    ``purpose`` and ``participant``, the participant's index, name the random stream of the order.
 
     Raises:
         ProtocolError: if the table cannot be read or no order meets the requested constraints.
@@ -100,7 +102,7 @@ def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> l
 
 
 def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[TrialStimulus]:
-    """Read a block's stimuli, repeated by their weights; a row refers to its image in the plan's files.
+    """Return the stimuli of a block's table, each repeated as its count says; an image refers to the plan's files.
 
     Raises:
         ProtocolError: if the file is missing, is no valid table or names a missing image; the message names the row.
@@ -130,7 +132,7 @@ def _read_count(block: BlockSpec, row: TableRow) -> int:
 
 
 def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> TrialStimulus:
-    """Build the stimulus of a row: separate options from labels, and refer to the image by its content.
+    """Return the stimulus of a row, with options apart from labels, and its image referred to by content.
 
     Raises:
         ProtocolError: if the image is missing.
@@ -202,12 +204,12 @@ def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str
 
 
 def read_timeline_images(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
-    """Return the image files of a block's timeline, each with the first row or stimulus that names it."""
+    """Return the names of a timeline's image files, each with the place of the first row or stimulus that names it."""
     return list(_read_timeline_files(block, files, "image").items())
 
 
 def read_timeline_sounds(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
-    """Return the sound files of a block's timeline, each with the first row or stimulus that names it."""
+    """Return the names of a timeline's sound files, each with the place of the first row or stimulus that names it."""
     places = _read_timeline_files(block, files, "sound")
     return [(name, place) for name, place in places.items() if name not in (TONE, NOISE)]
 
@@ -236,19 +238,19 @@ def _read_timeline_files(
 
 
 def list_sounds(plan: SessionPlan) -> list[SoundContent]:
-    """List the sounds that the timelines of a session's protocol can play, in any group, each once."""
+    """Return the sounds that the timelines of a session's protocol can play, in any group, each once."""
     if b"sound" not in plan.protocol_toml:
         return []
     return list_protocol_sounds(msgspec.structs.replace(decode_logged_protocol(plan.protocol_toml), files=plan.files))
 
 
 def list_sound_digests(plan: SessionPlan) -> list[str]:
-    """List the digests of the sounds that a session can play."""
+    """Return the digests (`compute_digest`) of the sounds that a session can play."""
     return [compute_digest(content, plan.files) for content in list_sounds(plan)]
 
 
 def list_protocol_sounds(protocol: Protocol) -> list[SoundContent]:
-    """List the sounds that a protocol's timelines can play, in any group, each once."""
+    """Return the sounds that a protocol's timelines can play, in any group, each once."""
     contents: dict[SoundContent, None] = {}
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
@@ -267,7 +269,7 @@ def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundCo
 
 
 def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str, Row]]:
-    """Yield the cells of each trial that a block can have, with the place of its row, or "every trial"."""
+    """Yield the place of the row ("every trial" without a table) and the cells of each trial that a block can have."""
     stimuli = [TrialStimulus("every trial")]
     if block.stimuli is not None:
         stimuli = list({stimulus.place: stimulus for stimulus in read_stimuli(protocol, block)}.values())
@@ -278,7 +280,7 @@ def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str
 
 
 def _list_design_cells(block: BlockSpec) -> list[Row]:
-    """Return a row for each value of the option that a block's design sets; 0 if the design does not list the values.
+    """Return a row for each value of the option that a block's design sets; one row with 0 if it lists no values.
 
     Without a design, or if it sets no option, return one empty row.
     """

@@ -96,7 +96,7 @@ class CurrentNames:
     conflicts: list[tuple[str, str]] = field(default_factory=list)
 
     def written_path(self, path: str) -> str:
-        """Translate a path in present names to the path with the names that the file uses."""
+        """Return the path with the names that the file uses, from a path in present names."""
         inner_path = ""  # the last steps of the path, whose names are the same in the file
         while path not in self.file_paths and (step := LAST_STEP.search(path)):
             path = path[: step.start()]
@@ -105,7 +105,7 @@ class CurrentNames:
 
 
 def use_current_names(tree: dict[str, Any]) -> CurrentNames:
-    """Replace old names of fields and values by present names in a copy of a protocol file's tree."""
+    """Return a copy of a protocol file's tree with present names of fields and values, and what was renamed."""
     names = CurrentNames()
     names.tree = _rename_fields(tree, "", "$", "$", names)
     return names

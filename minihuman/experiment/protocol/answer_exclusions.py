@@ -32,7 +32,7 @@ def check_answer_exclusions(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def describe_answer_exclusion(rule: ExclusionSpec) -> str:
-    """Describe the participants that a rule on an answer excludes: "whose answer to attention.colour is missing"."""
+    """Return a clause on whom a rule on an answer excludes: "whose answer to attention.colour is missing"."""
     comparisons = []
     if rule.is_one_of:
         comparisons.append(f"is one of {', '.join(map(repr, rule.is_one_of))}")
@@ -82,7 +82,7 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
 def _describe_impossible_code(
     codes: Sequence[str | float], question: QuestionItemSpec, answer_type: str, measure_and_kind: str
 ) -> str:
-    """Describe why a question cannot have one of the answers with which a rule compares it; "" if it can have all.
+    """Return why a question cannot have one of the answers with which a rule compares it; "" if it can have all.
 
     Args:
         codes: the answers in the rule: codes of options, or numbers.

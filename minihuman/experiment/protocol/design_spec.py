@@ -118,7 +118,7 @@ def _check_condition(
 def check_weighted_conditions(
     path: str, weights: Mapping[str, float], conditions: Collection[str]
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each weighted name in a contrast that is not a condition."""
+    """Yield a (path, message) for each name in a contrast's weights that is not a condition; ``path`` is theirs."""
     for name in weights:
         if name not in conditions:
             yield path, f"has {name!r}, which is not a condition; conditions: {', '.join(sorted(conditions))}"

@@ -55,7 +55,7 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class KeysSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The keys to which a participant's actions can be assigned."""
 
-    pool: tuple[str, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")  # physical keys, study/keys.py
+    pool: tuple[str, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")  # physical keys, experiment/keys.py
     spare_keys: SpareKeyPolicy = "ignore"  # whether spare keys have no action, or a block's distractors
     keyboard_check: bool = True  # whether each pool key is pressed once before the first block
 

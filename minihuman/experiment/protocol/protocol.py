@@ -53,7 +53,7 @@ _Rules = Callable[[Protocol], Iterable[FieldError]]
 
 
 def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
-    """Decode a protocol from a file's bytes and validate it.
+    """Return the protocol in a file's bytes, after validating it.
 
     Args:
         toml: the content of the file.
@@ -67,7 +67,7 @@ def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, b
 
 
 def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -> Protocol:
-    """Decode the protocol of a recorded session, without checking newer rules, which the protocol may break.
+    """Return the protocol of a recorded session, without checking newer rules, which the protocol may break.
 
     Raises:
         ProtocolError: as `decode_protocol`.
@@ -76,7 +76,7 @@ def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -
 
 
 def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
-    """Decode a protocol, and convert any exception that a parser raises to a ProtocolError of one line."""
+    """Return the result of `_decode_tree`; convert any exception of a parser to a ProtocolError of one line."""
     try:
         return _decode_tree(toml, source, files, rules)
     except ProtocolError:
@@ -87,7 +87,7 @@ def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: 
 
 
 def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
-    """Decode a protocol and check it by the given rules, which are skipped if fields or types are wrong.
+    """Return a decoded protocol, checked by the given rules, which are skipped if fields or types are wrong.
 
     Raises:
         ProtocolError: if the file cannot be decoded or has errors.
@@ -259,7 +259,7 @@ class ProtocolField:
 
 
 def build_json_schema() -> dict[str, Any]:
-    """Build the JSON schema (draft 2020-12) of protocol files, with each field's meaning and an example."""
+    """Return the JSON schema (draft 2020-12) of protocol files, with each field's meaning and an example."""
     schema = msgspec.json.schema(Protocol)
     for name in INTERNAL_FIELDS:
         schema["$defs"]["Protocol"]["properties"].pop(name, None)
@@ -287,7 +287,13 @@ def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
 
 
 def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any]) -> list[ProtocolField]:
-    """Return the fields of a table, in the order of its struct."""
+    """Return the fields of a table, in the order of its struct.
+
+    Args:
+        table: the table's path, such as "blocks.agent".
+        definition: the table's JSON schema.
+        schema: the JSON schema of the whole protocol.
+    """
     fields = []
     for name, field in definition["properties"].items():
         is_required = name in definition.get("required", ())
@@ -298,7 +304,7 @@ def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any])
 
 @cache
 def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
-    """Read the meaning and example of each field of a protocol, by table and field.
+    """Return the meaning and example of each field of a protocol, by table and field.
 
     The meaning of a field that only some kinds of question use begins with the names of these kinds.
     """
@@ -321,7 +327,7 @@ def _join_names(names: Iterable[str]) -> str:
 def walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
     """Yield the tables of a protocol's JSON schema, depth first, each followed by the tables in it.
 
-    Each table is yielded with its path, its definition, and whether the file can contain it several times.
+    Each table is yielded as its path, its definition in the schema, and whether the file can contain it several times.
     """
     unvisited = [("", "Protocol", False)]
     while unvisited:
@@ -351,7 +357,7 @@ def _find_definition(field: dict[str, Any]) -> str | None:
 
 
 def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
-    """Describe the type in a field's JSON schema in words: "integer or number", "list of strings"."""
+    """Return the type in a field's JSON schema in words: "integer or number", "list of strings"."""
     if "$ref" in field:
         return "table"
     if "enum" in field:

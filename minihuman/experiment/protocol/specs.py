@@ -107,7 +107,7 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def units(self) -> tuple[tuple[str, ...], ...]:
-        """Return the units that the order permutes: lists of parts, most of them with one part."""
+        """Return the units that the order permutes: tuples of part names, which stay together."""
         return tuple((unit,) if isinstance(unit, str) else unit for unit in self.parts)
 
 
@@ -136,7 +136,7 @@ Overridable = TypeVar("Overridable", bound=_OverridablePart)  # a block, a page,
 
 
 def apply_overrides(part: Overridable, group: str) -> Overridable:
-    """Return a part with a group's overrides applied.
+    """Return a part with a group's overrides; the part itself if the group has none.
 
     Raises:
         msgspec.ValidationError: if an override has an invalid value.
@@ -151,7 +151,7 @@ def apply_overrides(part: Overridable, group: str) -> Overridable:
 def check_each(
     field: str, parts: Sequence[Overridable], find_errors: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each error of parts as they are without overrides.
+    """Yield a (path, message) for each error that parts have without any group's overrides.
 
     Args:
         field: the protocol's field that contains the parts.
@@ -233,7 +233,7 @@ class ShippedForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def list_question_kinds(questionnaires: Sequence[QuestionnaireSpec], groups: Sequence[str]) -> tuple[str, ...]:
-    """List the kinds of question in a study's questionnaires, with the overrides of its groups, each kind once.
+    """Return the kinds of question in a study's questionnaires, with the overrides of its groups, each kind once.
 
     The kinds are in the order in which they first appear.
     """
@@ -259,7 +259,7 @@ def list_useless_item_fields(questionnaires: Sequence[QuestionnaireSpec]) -> Ite
 
 
 def load_form(name: str, language: str) -> ShippedForm:
-    """Load the shipped questionnaire of a given name, one of `SHIPPED_FORMS`, in a language.
+    """Return the shipped questionnaire of a given name, one of `SHIPPED_FORMS`, in a language.
 
     Raises:
         ProtocolError: if the form is not available in the language.

@@ -51,7 +51,7 @@ class Strata:
         return self.part
 
     def of(self, answer: Any) -> str:
-        """Return the stratum of a decoded answer, which is None if the participant skipped the question."""
+        """Return the stratum of an answer: a code, a number, or None if the participant skipped the question."""
         if answer is None:
             return NO_ANSWER
         if not self.cuts:
@@ -60,7 +60,7 @@ class Strata:
         return self.names[n_reached_cuts]
 
     def find_stratum(self, events: Iterable[Event]) -> str | None:
-        """Return a participant's stratum from the answers up to the first completion of the part; None before that."""
+        """Return the stratum by the answers up to the first completion of the deciding questions; None before that."""
         answer: Any = None
         is_correct: dict[str, bool] = {}  # by question: whether the answer at the first attempt was correct
         part_index: int | None = None
@@ -78,7 +78,7 @@ class Strata:
 
 
 def build_strata(protocol: Protocol) -> Strata | None:
-    """Build the strata of a study; return None if groups are drawn without strata."""
+    """Return the strata of a study; None if groups are drawn without strata."""
     allocation = protocol.allocation
     if not allocation.stratify_by:
         return None
@@ -268,7 +268,7 @@ def _list_first_session_parts(protocol: Protocol, group: GroupSpec) -> list[str]
 
 
 def _describe_premature_part(protocol: Protocol, names: list[str]) -> str:
-    """Describe the first of the named parts that cannot come before the draw of the group; "" if there is none."""
+    """Return a clause about the first named part that cannot come before the group's draw; "" if there is none."""
     orders = {order.name for order in protocol.orders}
     blocks = {block.name for block in protocol.blocks}
     for name in names:

@@ -22,7 +22,7 @@ class Factor:
 
     name: FactorName
     levels: tuple[str, ...]
-    is_within: bool
+    is_within: bool  # whether each participant has several of its levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Contrast:
     """A weighted sum of conditions with weights that sum to 0."""
 
     name: str
-    weights: tuple[tuple[str, float], ...]
+    weights: tuple[tuple[str, float], ...]  # conditions and their weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ExperimentDesign:
     factors: tuple[Factor, ...] = ()
     question: str = ""  # as the protocol states it; "" if it does not
     primary_effect: PrimaryEffect = ""  # "" if nothing is compared
-    condition_of_block: tuple[tuple[str, str], ...] = ()
+    condition_of_block: tuple[tuple[str, str], ...] = ()  # names of blocks and their conditions
     contrasts: tuple[Contrast, ...] = ()  # those that the protocol states
     condition_label: str = ""  # the label of trials whose levels, which are in the data, are the conditions
 
@@ -65,7 +65,7 @@ class ExperimentDesign:
 
     @property
     def is_mixed(self) -> bool:
-        """Return whether groups and conditions are crossed."""
+        """Return whether the design compares both groups and conditions."""
         return bool(self.levels("group") and self.conditions)
 
     @property
@@ -80,7 +80,7 @@ class ExperimentDesign:
 
 
 def derive_design(protocol: Protocol) -> ExperimentDesign:
-    """Derive a study's factors, primary effect and contrasts from its protocol."""
+    """Return a study's factors, primary effect and contrasts, as they follow from its protocol."""
     conditions = protocol.analysis.conditions
     if protocol.analysis.condition_label:  # its levels are in trials, not in blocks
         conditions = ()
@@ -110,7 +110,7 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
 
 
 def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
-    """Return the primary effect of a design with the given factors; the interaction for a mixed design."""
+    """Return the primary effect of a design with the given factors; "" if it has neither groups nor conditions."""
     if {"group", "condition"} <= names:
         return "interaction"
     if "condition" in names:

@@ -141,7 +141,7 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
 
 
 def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> Iterator[FieldError]:
-    """Yield an error for each field of a table whose value is out of bounds."""
+    """Yield an error for each value of the table ``spec`` that is out of its bounds; ``path`` is the table's path."""
     for field, least, most in bounds:
         number = getattr(spec, field)
         if not least <= number <= most:
@@ -149,7 +149,7 @@ def check_bounds(path: str, spec: msgspec.Struct, bounds: Iterable[Bound]) -> It
 
 
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
-    """Return a hint that suggests the most similar known name, or lists all of them."""
+    """Return a hint with the known name that is most similar to a wrong one, or with all names if none is similar."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
     if close:
@@ -158,7 +158,7 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
 
 
 def format_value(value: object) -> str:
-    """Format a value for a message, shortened if it is long."""
+    """Return a value as text for a message, shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value)
@@ -170,7 +170,7 @@ def format_value(value: object) -> str:
 def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
-    """Build one exception from all errors of a file, in order of line; return None if there are no errors.
+    """Return one exception with all errors of a file, in order of line; None if there are no errors.
 
     The arguments are those of `format_field_errors`.
     """
@@ -185,7 +185,7 @@ def build_protocol_error(
 
 
 def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
-    """Format one line per error in the order of the file's lines, such as "study.toml:12: $.blocks[1].episodes is 0".
+    """Return one line per error in the order of the file's lines, such as "study.toml:12: $.blocks[1].episodes is 0".
 
     Args:
         errors: the paths and messages; equal ones are formatted once.

@@ -22,7 +22,7 @@ LATER_WORDS = ("outcome.ended", "over.kept_in_part", "note.too_long")
 
 @cache
 def load_words(language: str) -> Mapping[str, str]:
-    """Load every interface text of a language, by key ("go_on", "outcome.goal"), including those of question kinds.
+    """Return every interface text of a language, by key ("go_on", "outcome.goal"), including those of question kinds.
 
     Raises:
         KeyError: if the language is not included.
@@ -37,20 +37,20 @@ def load_words(language: str) -> Mapping[str, str]:
 
 
 def load_kind_words(kind: str, language: str) -> Mapping[str, str]:
-    """Load the interface texts of a kind of question in a language, in English where there is no translation."""
+    """Return, by key, the interface texts of a kind of question in a language, in English if one is not translated."""
     words_by_language = _read_kind_words(kind)
     return {**words_by_language.get(ENGLISH, {}), **words_by_language.get(language, {})}
 
 
 def list_missing_kind_words(kind: str, language: str) -> tuple[str, ...]:
-    """List the keys of the interface texts that a kind of question has in English but not in a language."""
+    """Return the keys of the interface texts that a kind of question has in English but not in a language."""
     words_by_language = _read_kind_words(kind)
     return tuple(key for key in words_by_language.get(ENGLISH, {}) if key not in words_by_language.get(language, {}))
 
 
 @remember_by_name
 def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
-    """Read the interface texts of a kind of question, by language and key; empty if its folder has no ``words.toml``.
+    """Return the interface texts of a kind of question, by language and key; empty if its folder has no ``words.toml``.
 
     Raises:
         ProtocolError: if the file is not a table of texts for each language.
@@ -77,7 +77,7 @@ def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
 
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Flatten nested tables of texts into one table with keys joined by dots, each after a prefix."""
+    """Return nested tables of texts as one table, whose keys are ``prefix`` and the nested keys joined by dots."""
     words: dict[str, str] = {}
     for key, table_or_text in tree.items():
         if isinstance(table_or_text, dict):
@@ -109,7 +109,7 @@ class InterfaceWords:
         return self._words[key]
 
     def find(self, key: str, default: str) -> str:
-        """Return the text of a key that a plug-in may have added; ``default`` if there is none."""
+        """Return the text of a key that need not exist; ``default`` if it does not."""
         return self._words.get(key, default)
 
     def with_kind(self, kind: str) -> "InterfaceWords":
@@ -130,15 +130,15 @@ class InterfaceWords:
 
     @property
     def locale(self) -> TextLocale:
-        """Return the language, direction, fonts and theme in which the texts are shown."""
+        """Return the language, direction, fonts and theme in which windows and pages show the texts."""
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:
-        """Return an action's name in this language; without one, the world's name with spaces for underscores."""
+        """Return an action's name in this language; without a translation, ``name`` with spaces for underscores."""
         return self._words.get(f"action.{name}", name.replace("_", " "))
 
     def mission(self, mission: str) -> str:
-        """Translate a world's mission, which is in English; return "" if this language has no translation."""
+        """Return the translation of a world's mission, which is in English; "" if this language has none."""
         translation = self._words.get(f"mission.{mission}")
         if translation is not None:
             return translation
@@ -147,7 +147,7 @@ class InterfaceWords:
         return ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
-        """Return the name and label of each key, and a caption that distinguishes keys with equal labels, else ""."""
+        """Return the name, label and caption of each key; the caption distinguishes equal labels, else it is ""."""
         return tuple(
             (key, self._words.get(f"key.{key}", key_label(key)), self._words.get(f"caption.{key_caption(key)}", ""))
             for key in keys
