@@ -124,8 +124,8 @@ def find_missing_requirements(module: str) -> list[str]:
     """Return the requirement of this package that provides a module, then the other missing requirements of its extra.
 
     The base requirements are treated like an extra, except for the replay viewer, which is larger than all others
-    together. If several extras provide the module, the base requirements or the extra with the fewest missing
-    requirements is used. The list is empty if no requirement provides the module.
+    together. If several provide the module, the base requirements are used or, if they do not provide it, the extra
+    with the fewest missing requirements. The list is empty if no requirement provides the module.
     """
     package = module.partition(".")[0]
     distribution = _DISTRIBUTIONS.get(package, package).lower()

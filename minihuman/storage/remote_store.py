@@ -71,7 +71,7 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the version, an MD5 if possible, of each file whose name begins with ``prefix``.
+        """Return the versions of the files whose names begin with ``prefix``, by name; a version is an MD5 if possible.
 
         Raises:
             RemoteStoreError: if the files cannot be listed.
@@ -208,7 +208,8 @@ def open_remote_store(data: Path, *, may_be_new: bool = True) -> RemoteStore | N
         may_be_new: whether the store may be a folder that does not exist yet, as in ``open_store_url``.
 
     Raises:
-        RemoteStoreError: if the store is a folder that must exist but does not.
+        RemoteStoreError: if the store is a folder that must exist but does not, or the address of an S3 store is not
+            valid.
     """
     path = data / STORE_URL_FILE_NAME
     if path.is_file():

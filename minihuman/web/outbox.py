@@ -52,7 +52,7 @@ def build_rules(
     Args:
         play: the episode.
         part_plan: the plan of its part.
-        computed: the world's state if the page computes the episode.
+        computed: the world's state if the page computes the episode; None otherwise.
         keep: the number of the first picture that the page must keep.
     """
     plan = play.plan
@@ -331,7 +331,13 @@ class Outbox:
         page.send_screen(session, screen, message)
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
-        """Send the session's position in its episode; a page that computes the episode knows its own step count."""
+        """Send the session's position in its episode, unless the page has it or, computing the episode, knows it.
+
+        Args:
+            play: the running episode; None if no episode is being played.
+            steering: the control of an episode that an agent plays; None in any other episode.
+            tick_ns: the session's time at which the page must send a tick; None for none.
+        """
         step = -1
         episode = -1
         waited_for = 0

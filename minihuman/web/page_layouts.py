@@ -58,7 +58,7 @@ def _name_layout(recipe: Recipe) -> str:
 
 
 def describe_layout(env: Any) -> dict[str, Any]:
-    """Describe to a page how it lays out a world.
+    """Return what a page needs to lay out a world from a seed: the layout, its numbers, its program and the words.
 
     Args:
         env: a grid world whose layout is in a compiled module (see `find_layout_module`), before its first reset.

@@ -119,7 +119,7 @@ class PageProtocol:
         session: the page's session.
         welcome: the answer to the page's hello.
         after: the number of the last server message that the page has.
-        now_s: the present time in seconds.
+        now_s: the present monotonic time in seconds.
     """
 
     def __init__(self, session: PageSession, welcome: messages.Welcome, after: int, now_s: float) -> None:

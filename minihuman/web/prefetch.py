@@ -175,7 +175,12 @@ class LookAheadGraph:
         return None
 
     def _find_scene(self, world: World, *, closed: bool = False) -> SceneNode:
-        """Return the scene that a world is in, adding it to the graph if it is new."""
+        """Return the scene that a world is in; add it to the graph if it is new, or was closed and is open now.
+
+        Args:
+            world: the world.
+            closed: whether the episode is over in this scene, so that no action can be tried from it.
+        """
         scene_hash = world.scene_hash()
         existing = self._scenes.get(scene_hash)
         if existing is not None and (closed or not existing.closed):

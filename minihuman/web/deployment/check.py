@@ -133,7 +133,13 @@ class _Server:
 
 
 class _Page:
-    """A simulated page, which presses keys at random and resends unacknowledged messages to any server."""
+    """A simulated page, which presses keys at random and resends unacknowledged messages to any server.
+
+    Args:
+        token: the token of the participant's link.
+        find_host: returns the host and port of the server to connect to next.
+        rng: draws the keys and the times of presses.
+    """
 
     def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
         self.token = token
@@ -270,7 +276,7 @@ class _Page:
         for number in sorted(self._unacknowledged):
             if number > welcome["heard"]:
                 await socket.send(json.dumps(self._unacknowledged[number]))
-        if self._last_ns == 0:
+        if self._last_ns == 0:  # this page has sent no message of the segment yet; a first one begins a new session
             await self._send_numbered(socket, t="tick")
 
 
@@ -365,6 +371,7 @@ async def _play_study(
 def _count_presses(log: Path) -> Counter[tuple[str, int]]:
     """Count the key presses in a log by key and time in nanoseconds."""
     events = (event for event in read_events(log) if isinstance(event, KeyPressed))
+    # the difference is the time of the press itself, which the page sent as its stamp
     return Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
 
 

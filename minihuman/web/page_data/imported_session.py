@@ -84,7 +84,17 @@ def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> Se
 
 
 def _record_session(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
-    """Play verified episodes again as a session and record it; return the path of its log."""
+    """Play verified episodes again as a session and record it.
+
+    Args:
+        episodes: the episodes.
+        plan: the plan of the session.
+        data: the data folder, which contains the study's folder.
+        digest: the digest of the episodes, for the log.
+
+    Returns:
+        The path of the log, as ``run_session`` returns it.
+    """
     clock = VirtualClock()
     facts = {
         "player": "human",
@@ -152,7 +162,12 @@ class RecordedKeys(Window):
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
-    """Yield an episode's key presses and releases, and its end if the page was left, in order of time."""
+    """Yield an episode's key presses and releases, and its end if the page was left, in order of time.
+
+    Args:
+        episode: the episode.
+        shown_ns: the session's time at which the episode's first picture was shown.
+    """
     inputs: list[Input] = []
     names = episode.physical_keys
     for key, rt_ms, held_ms in zip(episode.keys, episode.rt_ms, episode.held_ms, strict=True):
@@ -236,7 +251,9 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """Return the action of each key by minihuman's name of the key, without reserved keys that were not pressed.
+    """Return the action of each key by minihuman's name of the key.
+
+    Keys that no session can assign, since they are reserved or have no name, are left out if they were not pressed.
 
     Raises:
         PageDataError: if a pressed key cannot be assigned to an action.

@@ -96,6 +96,10 @@ class StudyEntry:
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
         """Return the arguments of the command that a button starts.
 
+        Args:
+            action: the button's name, such as "next".
+            form: the fields of the button's form by name.
+
         Raises:
             KeyError: if there is no such button, or it needs a protocol and the study has none.
         """
@@ -174,7 +178,13 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
 
 
 class CommandProcess:
-    """A running minihuman command; one that records a session outlives this process."""
+    """A minihuman command that this process has started; one that records a session outlives this process.
+
+    Args:
+        words: the command's name and arguments, without the program's name.
+        study: the study that the command is about; None if it is about this machine.
+        output: the file to which the command's output is appended.
+    """
 
     def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
         self.words = words

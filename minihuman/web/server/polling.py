@@ -192,7 +192,11 @@ class PollingLine(PageTransport):
         self.end(LineEnd(_BROKEN))
 
     def _take_batches(self) -> bytes:
-        """Return and discard the batches that were not fetched; if there are none, raise an error on an ended line."""
+        """Return, joined, and discard the batches that were not fetched; b"" if there are none.
+
+        Raises:
+            LineEndedError: if there are none, and the line has ended.
+        """
         if not self._batches:
             self._require_open()
         answer = b"".join(self._batches)

@@ -75,7 +75,7 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
 
 
 def _require_handles(max_sessions: int) -> None:
-    """Raise this process's limit of open files to what a server of so many sessions needs.
+    """Raise this process's limit of open files to what a server of ``max_sessions`` concurrent sessions needs.
 
     Raises:
         ServeError: if the system allows too few.
@@ -196,10 +196,16 @@ def list_process_commands(
     host: str = HOST,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the arguments of each process that runs besides the first worker: the dashboard and the further workers.
+    """Yield the arguments of each process that runs in addition to the first worker: dashboard and further workers.
 
-    The workers' ports are consecutive, and ``port`` is that of the first worker. ``options`` are further options of
-    each worker. With ``watch``, the dashboard is included, and the study's folder is created if necessary.
+    Args:
+        protocol: the protocol's file.
+        study_dir: the study's folder; created if necessary if there is a dashboard.
+        port: the port of the first worker; those of the others follow it.
+        workers: the number of workers, including the first.
+        watch: whether to include the dashboard.
+        host: the address on which the further workers listen.
+        options: further options of each worker.
 
     Raises:
         LogError: if there are several workers and ``port`` is 0.

@@ -112,7 +112,7 @@ class ScreenNode:
 
 
 class EndingWorld:
-    """A world whose next step ends the episode in a given way; everything else is delegated to another world."""
+    """Wraps a world: each step has a given reward, and terminates the episode or, if not ``terminated``, truncates it."""
 
     def __init__(self, world: Any, *, reward: float, terminated: bool) -> None:
         self._world = world
@@ -252,7 +252,7 @@ class ScreenGraph:
             raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")
 
     def _find_template(self, session: SessionMachine, outcome: str) -> str:
-        """Return the text of the present feedback, with only the fields of the episode not filled in.
+        """Return the text of the present feedback, in which only the episode's steps and reward are not filled in.
 
         Returns:
             The text; "" if the screen is no feedback, or its text has no such fields.
@@ -313,7 +313,10 @@ class ScreenGraph:
         name: str,
         make_input: Callable[[int], Input],
     ) -> None:
-        """Add the edge of an input to a node, unless the input leads back to the node."""
+        """Add to the node ``number`` the edge of an input, unless the input leads back to the node.
+
+        ``outcome`` is that of ``_visit``; ``name`` and ``make_input`` are an input's as ``list_inputs`` yields them.
+        """
         copied = self._copy(session, shown=True)
         events = copied.receive(make_input(copied.now_ns + _LOOK_NS))
         target = self._visit(copied, outcome)

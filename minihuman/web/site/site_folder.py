@@ -59,7 +59,7 @@ class SiteSummary:
     slots: int
     screens: int  # of the first slot
     size_bytes: int
-    build: str
+    build: str  # as ``digest_build`` returns it
 
 
 def digest_build(protocol: Protocol) -> str:
@@ -99,7 +99,7 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
         slots: the number of allocation slots; 0 for the study's.
 
     Raises:
-        SiteError: if a part of the protocol needs a server, or the collector is unknown.
+        SiteError: if a part of the protocol needs a server, the collector is unknown, or the study has fewer slots.
     """
     require_collector(collector)
     count = slots or protocol.study.participants
