@@ -250,7 +250,10 @@ class PostgresLeaseTable(LeaseTable):
 
 
 def _append_to_copies(cursor: "Cursor[Any]", pieces: Sequence[tuple[str, LogPiece]]) -> None:
-    """Add pieces to the copies of sessions' logs; a piece replaces the copy from its own position onwards."""
+    """Add pieces, each given after its session's name, to the copies of logs.
+
+    A piece replaces its copy from the piece's own position onwards.
+    """
     cursor.executemany(
         "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
         [(session, piece.file, piece.start) for session, piece in pieces],

@@ -132,7 +132,7 @@ class FolderStore(RemoteStore):
             ) from error
 
     def fetch(self, name: str, path: Path) -> None:
-        """Copy a file out of the folder."""
+        """Copy a file out of the folder to a local path, whose folder is created."""
         try:
             copy_durably(join_inside(self._folder, name), path, new_folders=LOG_DEPTH)
         except OSError as error:
@@ -347,7 +347,7 @@ class S3Store(RemoteStore):
         return {stored["Key"].removeprefix(self._prefix): stored["ETag"].strip('"') for stored in objects}
 
     def remove(self, name: str) -> None:
-        """Delete an object."""
+        """Delete the object of a file, if it exists."""
         with self._raise_as_store_error(f"{name} cannot be removed from"):
             target = {"Bucket": self._bucket, "Key": self._prefix + name}
             call_within(STORE_TIMEOUT_S, lambda: self._client.delete_object(**target))

@@ -60,7 +60,7 @@ class ProgramClient(ModelClient):
         self.over = ""  # how the session ended; "" while it runs
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
-        """Show a screen and wait for the program's answer.
+        """Show the program a screen, wait for its answer, and return the answer.
 
         Raises:
             ModelUnavailableError: if the program does not answer in time.
@@ -316,7 +316,7 @@ class AgentRequestHandler(GuardedHandler):
 
 
 def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
-    """Return the HTTP server through which programs take part; its ``serve_forever`` runs it.
+    """Return the HTTP server through which programs take part, on ``port`` of ``host``; ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads the screen again. Each request returns the next

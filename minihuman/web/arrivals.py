@@ -258,6 +258,10 @@ class Arrivals:
 
         Returns:
             The admission; a rejection if the visitor may not take part, or the participant has no session to play.
+
+        Raises:
+            LeaseHeldError: if another server hosts the session.
+            LogError: if a log of the participant cannot be read, finished or fetched.
         """
         key = self._find_visitor_key(arrival, platform_visitor)
         if not key and not self.protocol.web.open_access:
@@ -431,7 +435,10 @@ class Arrivals:
         return log.end_reason
 
     def settle(self, admission: Admission) -> None:
-        """Release the lease, if any, of a session that was not started; if its log is complete, mark it as ended."""
+        """Release the lease, if any, of a session that was not started; if its log is whole, mark the session as ended.
+
+        Errors in marking it are ignored.
+        """
         if self.leases is None or admission.lease is None:
             return
         if ended := self._read_end_reason(admission.participant, admission.session):

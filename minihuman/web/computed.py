@@ -43,7 +43,7 @@ MOST_UNKNOWN = 50  # consecutive steps without a digest, as after a reload witho
 
 
 def can_compute(play: RunningEpisode) -> bool:
-    """Return whether a page can compute an episode: kernels alone must step its world and draw its view."""
+    """Return whether a page can compute an episode: compiled kernels alone must step its world and draw its view."""
     world = play.world
     if not isinstance(world, PageWorld) or not world.is_compiled:
         return False
@@ -219,7 +219,7 @@ def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:
-    """Pack arrays into one message for pages, whose name is the digest of their names, types and contents."""
+    """Pack arrays into one message for pages; the message's name is a digest of the arrays' names and contents."""
     entries = [(name, str(array.dtype), array.nbytes) for name, array in arrays.items()]
     content = b"".join(array.tobytes() for array in arrays.values())
     digest = hashlib.sha256(repr(entries).encode() + content).hexdigest()[:16]

@@ -175,7 +175,8 @@ class Connection(PageSession):
         """Welcome a page on a new socket or another transport, and resume or restart the streams of messages.
 
         Returns:
-            The answer, the socket's number, and the number of the last server message that the page has.
+            The answer, the socket's number, and the number of the last message of the server's stream that the page
+            has; 0 if that stream begins anew.
         """
         socket_number = self.presence.open_socket(monotonic_s())
         if transport != self.transport:  # noted, since the log's fact is the transport at the segment's start

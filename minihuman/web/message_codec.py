@@ -113,7 +113,7 @@ class _NumberedServerMessage(msgspec.Struct):
 
 
 def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
-    """Encode a message of the server's stream as part of a batch."""
+    """Encode a message of the server's stream, with its number in the stream, as a part of a batch."""
     if isinstance(message, PictureMessage):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
         return _PART.pack(1, len(head) + len(message.data)) + head + message.data
@@ -121,7 +121,7 @@ def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> byt
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
-    """Encode a message that is not part of the server's numbered stream."""
+    """Encode as JSON a message that is not part of the server's numbered stream."""
     return _ENCODER.encode(message).decode()
 
 

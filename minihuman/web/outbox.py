@@ -203,7 +203,7 @@ class Outbox:
             self._begin_episode(next_play)
 
     def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
-        """Move the look-ahead along a step of the session, and send the scenes that it found."""
+        """Move the look-ahead along a step of the session, which may have ended the episode; send the scenes found."""
         play = None
         if not ended:
             play = self._session.play
@@ -229,7 +229,7 @@ class Outbox:
         self._page.send_scenes(self._ahead.graph)
 
     def _send_rules(self, play: RunningEpisode, keep: int) -> None:
-        """Send the rules of an episode, with the world's state if the page computes it."""
+        """Send the rules of an episode, with the world's state if the page computes it; `build_rules` has ``keep``."""
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)

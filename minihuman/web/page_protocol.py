@@ -148,11 +148,11 @@ class PageProtocol:
         self._was_behind = False
 
     def admits(self, now_s: float) -> bool:
-        """Return whether the rate limit admits another message now; otherwise the message has to wait."""
+        """Count another message, and return True, if the rate limit admits it now; otherwise it has to wait."""
         return self._rate_limit.take(now_s)
 
     def receive(self, text: str, *, more: bool) -> str | None:
-        """Handle one message; return the answer to be sent at once, if there is one.
+        """Handle one message; return the answer to be sent at once, or None if there is none.
 
         Args:
             text: the message.

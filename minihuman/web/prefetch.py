@@ -138,7 +138,7 @@ class LookAheadGraph:
         """Find the scene to which an action leads from the present scene, and add it to the graph.
 
         Returns:
-            False if the scene was found before, or cannot be found.
+            Whether the action was tried now; False if it was tried before, or its scene cannot be found.
         """
         root = self.root
         world = self.world
@@ -250,7 +250,7 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """Start again from the session's present screen, whose name is given."""
+        """Start again from the session's present screen, which has the name ``name``."""
         self._to_do.clear()
         self._tries_left = _MOST_TRIES
         self._looked_from = set()
@@ -402,7 +402,7 @@ def _make_input(input_name: str, at_ns: int) -> Input:
         case "key":
             return KeyDown(at_ns, target, "")
         case "point":
-            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)
+            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)  # in the middle of the picture and of the target
     return Tick(at_ns)
 
 

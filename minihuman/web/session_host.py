@@ -215,7 +215,7 @@ class SessionHost:
         self._writer.write(self.session.receive(stop))
 
     def ask(self, command: str, text: str) -> None:
-        """Send the page an experimenter's command, with its text; the session carries it out when the page echoes it."""
+        """Send the page an experimenter's command and its text; the session carries it out when the page echoes it."""
         self._send_question(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
     def _send_question(self, make_input: MakeInput) -> None:
@@ -263,7 +263,7 @@ class SessionHost:
 
     @property
     def _request(self) -> ActivityRequest | None:
-        """Return the present request of the session's part to an agent or to other participants; None if none."""
+        """Return the present request of the session's part to an agent or other participants; None if there is none."""
         if self.session.over:
             return None
         return self.session.request

@@ -210,7 +210,7 @@ class _Page:
                 acknowledged = self._heard
                 await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
             if self._screen and time.monotonic() >= next_press_s:
-                next_press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
+                next_press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())  # 0.6 to 1.4 periods
                 key = "enter"
                 if self._screen == "play":
                     key = self._rng.choice("123")
@@ -323,7 +323,7 @@ def check_deployment(
 
 
 def _make_data_folder(folder: Path, data: Path) -> None:
-    """Make a data folder with the same database and store as an existing one."""
+    """Make a data folder with the same database and store as the existing one ``data``."""
     folder.mkdir()
     for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
         shutil.copyfile(data / file_name, folder / file_name)

@@ -132,7 +132,7 @@ class RecordedKeys(Window):
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next input, or to ``until_ns``, and return the inputs of that time.
+        """Move the clock to the next input, or to ``until_ns`` if that is earlier, and return the input, if any.
 
         If neither is due, return a press of Enter, which continues after an episode, or the end of an episode that the
         page left unfinished.
@@ -226,10 +226,11 @@ def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
 
 
 def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
-    """Return the table of the protocol's block, whose number begins at 1, for a run of episodes."""
+    """Return a block of the protocol, as a table, for a run of consecutive episodes; ``number``, from 1, names it."""
     first = episodes[0]
     keys = _list_session_keys(episodes)
     with closing(World(first.world, first.options)) as world:
+        # without a limit of the world's own, one that none of the episodes reaches
         max_steps = world.step_limit or max(len(episode.actions) for episode in episodes) + 1
     block: dict[str, Any] = {
         "name": f"episodes-{number}",

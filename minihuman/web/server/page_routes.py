@@ -85,7 +85,7 @@ def build_page_routes() -> list[Route]:
 
 
 def _encode_unreachable_texts() -> bytes:
-    """Encode, by language, the texts of a page that could not connect and so has no texts from the server."""
+    """Encode as JSON, by language, the texts of a page that could not connect and so has no texts from the server."""
     texts = {language: page_texts["unreachable"] for language, page_texts in load_page_texts().items()}
     return json.dumps(texts, ensure_ascii=False).encode()
 
@@ -108,9 +108,9 @@ def _serve(address: str, content: bytes, media_type: str) -> Route:
 
 
 def accepts_gzip(accept_encoding: str) -> bool:
-    """Return whether an Accept-Encoding header names gzip or, if not, ``*`` with a quality above 0 (RFC 9110, 12.5.3).
+    """Return whether the value of an Accept-Encoding header accepts gzip (RFC 9110, 12.5.3).
 
-    Both must have a quality above 0; a header that names neither, or is empty, accepts no gzip.
+    It does if it names gzip or, without gzip, ``*`` with a quality above 0; "" does not.
     """
     is_accepted = {}
     for entry in accept_encoding.lower().split(","):

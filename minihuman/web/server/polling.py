@@ -87,7 +87,11 @@ class PollingLine(PageTransport):
     # The server's side
 
     async def receive(self) -> str:
-        """Receive the next text."""
+        """Receive the next text.
+
+        Raises:
+            SocketClosedError: if the line has ended, and all texts that arrived before were received.
+        """
         while not self._texts:
             if self._end is not None:
                 raise SocketClosedError
@@ -97,7 +101,11 @@ class PollingLine(PageTransport):
         return text
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message, after waiting for the page to fetch earlier ones if too many are queued."""
+        """Send a message or a batch, after waiting for the page to fetch earlier ones if too many bytes are queued.
+
+        Raises:
+            SocketClosedError: if the line has ended.
+        """
         batch = message
         if isinstance(batch, str):
             batch = encode_part(batch)

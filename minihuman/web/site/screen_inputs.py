@@ -59,5 +59,5 @@ def build_input_maker(name: str) -> Callable[[int], Input]:
     """Return a function that makes the input with a name, such as "key:enter" or "point:go_on", at a time in ns."""
     kind, _, target = name.partition(":")
     if kind == "point":
-        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)
+        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)  # in the middle of the picture and the target
     return lambda t_ns: KeyDown(t_ns, target, target)
