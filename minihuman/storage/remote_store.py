@@ -125,6 +125,7 @@ class FolderStore(RemoteStore):
                 mode = self._folder.stat().st_mode  # users who may read the shared folder may read its files
                 target = join_inside(self._folder, name)
                 current_system().disk.make_folder(target.parent, stat.S_IMODE(mode) | 0o700)
+                # the folder's permissions without those to execute, and at least the owner's to read and write
                 copy_durably(path, target, self._unfinished, mode=mode & 0o666 | 0o600, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
@@ -194,7 +195,7 @@ class FolderStore(RemoteStore):
     @contextmanager
     def _locked(self) -> Iterator[None]:
         """Lock the folder against other machines, and remove a file that an interrupted call left unfinished."""
-        with hold_lock(self._folder / ".lock", 0o666):
+        with hold_lock(self._folder / ".lock", 0o666):  # which every user of the shared folder opens for writing
             if self._unfinished.exists():
                 current_system().disk.unlink(self._unfinished)
             yield

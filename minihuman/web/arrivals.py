@@ -280,7 +280,7 @@ class Arrivals:
             participant, plan = enrolment
         leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
-            last = max(1, len(self.protocol.sessions))
+            last = max(1, len(self.protocol.sessions))  # a study that declares no sessions has one
             return Rejection("finished", leased_session, last, self.find_platform_id(participant))
         session, lease = leased_session
         try:
@@ -380,7 +380,7 @@ class Arrivals:
         if self.leases is None:
             with suppress(RemoteStoreError):  # without the store, only the logs on this machine count
                 self._sync_logs(participant)
-        n_sessions = max(1, len(self.protocol.sessions))
+        n_sessions = max(1, len(self.protocol.sessions))  # a study that declares no sessions has one
         for session in range(1, n_sessions + 1):
             lease = None
             end_reason = self._read_end_reason(participant, session)

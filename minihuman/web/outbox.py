@@ -229,7 +229,12 @@ class Outbox:
         self._page.send_scenes(self._ahead.graph)
 
     def _send_rules(self, play: RunningEpisode, keep: int) -> None:
-        """Send the rules of an episode, with the world's state if the page computes it; `build_rules` has ``keep``."""
+        """Send the rules of an episode, with the world's state if the page computes it.
+
+        Args:
+            play: the episode.
+            keep: the number of the first picture that the page must keep.
+        """
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)

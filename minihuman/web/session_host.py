@@ -254,7 +254,7 @@ class SessionHost:
         if self._agent is None or self._is_announced or (request := self._long_request) is None:
             return False
         if self._prepared is None:
-            self._prepared = self._agent.answer(request, None, self.last_at_ns)
+            self._prepared = self._agent.answer(request, None, self.last_at_ns)  # outside of episodes
         if self._prepared is None:
             return False
         self._is_announced = True

@@ -183,7 +183,7 @@ def _write_deflated(path: Path, content: bytes | dict[str, Any]) -> None:
     """Write bytes, or an object as JSON, in compressed form."""
     if isinstance(content, dict):
         content = json.dumps(content, separators=(",", ":")).encode()
-    path.write_bytes(zlib.compress(content, 9))
+    path.write_bytes(zlib.compress(content, 9))  # as small as possible
 
 
 def _describe_sizes(env: GridEngine) -> dict[str, Any]:

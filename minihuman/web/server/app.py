@@ -474,10 +474,10 @@ class WebServer:
                 self._schedule_look_ahead(connection)
                 break
             if now_s > turn_s + MAX_LOOP_BLOCK_S:
-                await asyncio.sleep(0)
+                await asyncio.sleep(0)  # so that messages are handled
                 turn_s = monotonic_s()
         await connection.run(connection.send_prefetched)
-        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # so that they are sent before other connections have their turn
 
 
 async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:

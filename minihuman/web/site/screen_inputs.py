@@ -48,7 +48,7 @@ def _list_answers(widget: object) -> list[str]:
             n_options = len(points)
         case RatingMatrix(rows=rows, points=points):
             n_options = len(rows) * len(points)
-    digits = range(1, min(9, n_options) + 1)
+    digits = range(1, min(9, n_options) + 1)  # only the first nine options have a key
     names += [f"key:{digit}" for digit in digits]
     names += [f"key:kp_{digit}" for digit in digits]
     names += [f"point:option:{number}" for number in range(n_options)]

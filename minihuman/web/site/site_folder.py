@@ -209,7 +209,7 @@ class SlotScript:
         session = build_session(
             self._plan, PageWorld, collect_machine_facts(), picture_px=self._settings.picture_px, renders_steps=False
         )
-        session.receive(Tick(1))
+        session.receive(Tick(1))  # begins the session, as the first message of a served page does
         self.graph = ScreenGraph(session, self._images.number, self._describe_episode)
         self._pictures = self._images.take_new()
         self.graph.close()
