@@ -336,12 +336,9 @@ class Outbox:
         page.send_screen(session, screen, message)
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
-        """Send the session's position in its episode, unless the page has it or, computing the episode, knows it.
+        """Send the position in ``play``, the running episode, unless the page has it or, as it computes it, knows it.
 
-        Args:
-            play: the running episode; None if no episode is being played.
-            steering: the control of an episode that an agent plays; None in any other episode.
-            tick_ns: the session's time at which the page must send a tick; None for none.
+        ``steering`` is given if an agent plays the episode; ``tick_ns`` is the time at which the page must send a tick.
         """
         step = -1
         episode = -1

@@ -78,7 +78,7 @@ def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> Se
     """Plan the session of the allocation slot ``index``, under a protocol that is made from the episodes."""
     protocol = decode_protocol(format_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
     participant = msgspec.structs.replace(
-        enrol_participant(protocol, index, None), id=format_participant_code(index, 0)  # 0: the slot's first participant
+        enrol_participant(protocol, index, None), id=format_participant_code(index, 0)  # 0 participants before
     )
     return expand_protocol(protocol, participant)
 

@@ -198,14 +198,8 @@ def list_process_commands(
 ) -> Iterator[tuple[str, ...]]:
     """Yield the arguments of each process that runs in addition to the first worker: dashboard and further workers.
 
-    Args:
-        protocol: the protocol's file.
-        study_dir: the study's folder; created if necessary if there is a dashboard.
-        port: the port of the first worker; those of the others follow it.
-        workers: the number of workers, including the first.
-        watch: whether to include the dashboard.
-        host: the address on which the further workers listen.
-        options: further options of each worker.
+    The ``workers`` include the first one, whose port is ``port``; the ports of the others follow it. They listen at
+    ``host`` and get ``options``. If ``watch``, there is a dashboard, and the study's folder is created if necessary.
 
     Raises:
         LogError: if there are several workers and ``port`` is 0.
