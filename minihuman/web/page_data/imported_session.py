@@ -77,8 +77,9 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
 def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> SessionPlan:
     """Plan the session of the allocation slot ``index``, under a protocol that is made from the episodes."""
     protocol = decode_protocol(format_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
+    # 0: nobody had the slot before
     participant = msgspec.structs.replace(
-        enrol_participant(protocol, index, None), id=format_participant_code(index, 0)  # 0 participants before
+        enrol_participant(protocol, index, None), id=format_participant_code(index, 0)
     )
     return expand_protocol(protocol, participant)
 
