@@ -318,7 +318,9 @@ class SessionRecording:
 
 
 def _seal_log(log: Path) -> bool:
-    """Seal a log and copy it to the remote store; return whether both succeeded.
+    """Seal a log, by recording its end in the enrolment log, and copy it to the remote store if there is one.
+
+    Return whether both succeeded.
 
     After a failure the participant gets the completion code all the same, because the log is on this machine.
     """

@@ -235,7 +235,7 @@ class ScreenPrefetcher:
 
     Args:
         number: gives a picture its number; the picture is sent before the screen that contains it.
-        lend: lends a world that may be reset.
+        lend: lends a world with a given id and options, which may be reset; returns None if there is none to lend.
     """
 
     def __init__(self, number: NumberPicture, lend: WorldLender) -> None:

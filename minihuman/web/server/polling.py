@@ -66,7 +66,10 @@ _REQUEST = msgspec.json.Decoder(PollRequest)
 
 
 class PollingLine(PageTransport):
-    """A line to a page, made up of the page's requests. Create it inside a running event loop."""
+    """A line to a page: a lasting connection that consists of the page's requests, one after the other.
+
+    It must be created inside a running event loop.
+    """
 
     name: TransportName = "http"
 
