@@ -66,7 +66,7 @@ _REQUEST = msgspec.json.Decoder(PollRequest)
 
 
 class PollingLine(PageTransport):
-    """A line to a page: a lasting connection that consists of the page's requests, one after the other.
+    """A line to a page: a lasting connection that consists of the page's numbered requests.
 
     It must be created inside a running event loop.
     """
