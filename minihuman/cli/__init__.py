@@ -46,7 +46,14 @@ def _format_warning(
 
 
 def _flush_output(code: int) -> int:
-    """Flush the standard output after a command with exit status ``code``; return the exit status of the program."""
+    """Flush the standard output at the end of a command, and return the exit status of the program.
+
+    Args:
+        code: the exit status of the command.
+
+    Returns:
+        ``code`` or, if the output cannot be written: 1 in place of 0 if its reader has closed it, and otherwise 2.
+    """
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -103,7 +110,7 @@ def _report_mistakes(error: MinihumanError) -> int:
 
 
 def _report_usage_error(error: click.UsageError) -> int:
-    """Print an error in the arguments as one line, and name the command whose help explains them; return the status."""
+    """Print an error in the arguments as one line that names the command's help, if known; return its exit status."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     if error.ctx is not None:
         message += f" (see {error.ctx.command_path} --help)"
@@ -124,8 +131,8 @@ def find_missing_requirements(module: str) -> list[str]:
     """Return the requirement of this package that provides a module, then the other missing requirements of its extra.
 
     The base requirements are treated like an extra, except for the replay viewer, which is larger than all others
-    together. If several extras provide the module, the base requirements or the extra with the fewest missing
-    requirements is used. The list is empty if no requirement provides the module.
+    together. If several provide the module, the base requirements are used or, if they do not provide it, the extra
+    with the fewest missing requirements. The list is empty if no requirement provides the module.
     """
     package = module.partition(".")[0]
     distribution = _DISTRIBUTIONS.get(package, package).lower()
@@ -135,6 +142,7 @@ def find_missing_requirements(module: str) -> list[str]:
         requirement, _, marker = line.partition(";")
         extra = marker.partition("extra ==")[2].strip(" '\"")
         required = _parse_distribution(requirement)
+        # a requirement for certain platforms only may be missing here
         is_optional = (not extra and required == _REPLAY_VIEWER) or "sys_platform" in marker
         if required == distribution:
             provider_by_extra[extra] = requirement.strip()

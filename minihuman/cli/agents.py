@@ -120,6 +120,7 @@ def teach(
 
     if out.exists():
         raise LearnError(f"{out} already exists; choose another file with --out")
+    # False: the policy does not observe missions
     taught = read_study_dataset(study, world, eyesight=ObservationEncoder(False, sight=sight), selection=selection)
     policy = make_policy(taught, learner, out, seed=seed, start=start)
     print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {policy.sha256[:16]}")

@@ -128,7 +128,13 @@ def make_command_line() -> CommandLine:
 
 
 class Subgroup(_Group):
-    """A command with subcommands, which its help lists in the given order."""
+    """A command with subcommands, which its help lists in the given order.
+
+    Args:
+        name: the command's name.
+        help: the command's help text.
+        commands: the functions that become the subcommands, as with ``make_command``.
+    """
 
     def __init__(self, name: str, help: str, commands: Sequence[Callable[..., None]]) -> None:
         commands_by_name = {command.__name__: make_command(command) for command in commands}
@@ -225,7 +231,10 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
 
 
 def _list_option_names(parameter_name: str, declared: Option, *, is_flag: bool) -> list[str]:
-    """Return the names of an option on the command line: the declared ones or, without any, its parameter's name."""
+    """Return an option's names on the command line: the declared ones or, without any, one made of its parameter's.
+
+    The name of a flag then contains that of its negation, as in ``--web/--no-web``.
+    """
     if declared.names:
         return list(declared.names)
     dashed_name = parameter_name.replace("_", "-")
@@ -235,7 +244,7 @@ def _list_option_names(parameter_name: str, declared: Option, *, is_flag: bool) 
 
 
 def _get_bare_type(annotation: Any) -> Any:
-    """Return the type of a single value, e.g. int for ``int | None`` and Path for ``list[Path]``."""
+    """Return the type of a single value of an annotation, e.g. int for ``int | None`` and Path for ``list[Path]``."""
     inner_types = [part for part in get_args(annotation) if part is not type(None)]
     if inner_types and get_origin(annotation) is not Literal:
         return _get_bare_type(inner_types[0])

@@ -327,7 +327,7 @@ def gather(
 
     if tables is not None:
         n_fetched, removed = fetch_tables(study, tables, say=print_note)
-        print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
+        print_account(filter(None, [record_output(Path(study), TABLES, tables)]))  # "" if a withdrawal finds them
         print(f"{n_fetched} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()

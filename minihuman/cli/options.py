@@ -128,7 +128,7 @@ def _make_selection_option(name: str) -> Option:
 
 
 def ask_reason(reason: str) -> str:
-    """Return a reason for the audit trail; if it is empty, prompt for one on a terminal."""
+    """Return ``reason`` or, if it is empty and the standard input is a terminal, the user's answer to a prompt."""
     if reason or not sys.stdin.isatty():
         return reason
     return str(click.prompt("Reason"))
@@ -140,7 +140,10 @@ def has_display() -> bool:
 
 
 def ask_trust(trust: bool) -> Permission:
-    """Return the option ``--trust`` as a permission; if it is not given on a terminal, one that asks the user."""
+    """Return a permission to run a protocol's Python code: the option ``--trust``, or a function that asks the user.
+
+    The user is asked only if the option is not given and the standard input is a terminal.
+    """
     if trust or not sys.stdin.isatty():
         return trust
     return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
@@ -179,7 +182,11 @@ def print_note(line: str) -> None:
 def show_progress(words: str) -> Iterator[Callable[[str], None]]:
     """Show a progress line on a terminal until the context ends, and yield a function that changes the line.
 
-    Control characters are escaped, and a line that is wider than the terminal is cut off.
+    Control characters are escaped, and a line that is wider than the terminal is cut off. If standard error is not a
+    terminal, nothing is shown.
+
+    Args:
+        words: the first line to show; "" to show nothing at first.
     """
     is_terminal = sys.stderr.isatty()
 

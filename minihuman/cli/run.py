@@ -89,6 +89,11 @@ def run(
 def _ask_to_resume(protocol: Path, data: Path, trust: Permission) -> tuple[str, int] | None:
     """Ask on a terminal whether to resume an interrupted session of a study, if there is one.
 
+    Args:
+        protocol: the file of the study's protocol.
+        data: the folder that contains the studies' folders.
+        trust: the permission to run the protocol's Python code.
+
     Returns:
         The participant's code and the session's number; None without a terminal, an interrupted session or consent.
     """
@@ -218,6 +223,13 @@ def _print_line(line: str) -> None:
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
     """Serve a study to programs over HTTP or, if ``mcp``, to one program on the standard input and output.
 
+    Args:
+        protocol: the file of the study's protocol.
+        port: the port for HTTP; 0 chooses a free one.
+        data: the folder that contains the studies' folders.
+        trust: whether to trust the protocol's Python code; without MCP, the user is otherwise asked on a terminal.
+        mcp: whether to serve by the Model Context Protocol instead of HTTP.
+
     Raises:
         SimulationError: if the package for MCP is not installed.
     """
@@ -344,7 +356,7 @@ def simulate(
 
 
 def _require_whole_sessions(logs: list[Path], player: str) -> None:
-    """Raise SimulationError if the player ended a session before its last episode."""
+    """Raise SimulationError if a failure of ``player`` ended the session of one of ``logs`` before its last episode."""
     from minihuman.log.read.session_reader import read_log
 
     cut_short = []

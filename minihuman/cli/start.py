@@ -166,7 +166,7 @@ def check(
     notices = check_worlds(study, str(protocol), provable=True)
     outcomes = check_outcome_rules(study, str(protocol))
     enrolled = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
-    sessions = [session] if session else range(1, max(1, len(study.sessions)) + 1)
+    sessions = [session] if session else range(1, max(1, len(study.sessions)) + 1)  # one if none is declared
     plans = [expand_protocol(study, enrolled, session=number, overridden=group is not None) for number in sessions]
     plan = plans[0]
     require_legible(study, str(protocol))

@@ -18,7 +18,7 @@ from minihuman.trust import Permission, admit_worlds
 
 
 def training_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add an option for each training setting to a command.
+    """Return a command with an option added for each training setting.
 
     The command receives the settings that are given on the command line, by name, as its parameter ``settings``.
     """
@@ -87,7 +87,11 @@ def compose_job(
 
 
 def _parse_option(text: str) -> tuple[str, Any]:
-    """Parse NAME=VALUE; return the name, and the value as parsed from TOML or, if it is not valid TOML, as text."""
+    """Parse NAME=VALUE; return the name, and the value as parsed from TOML or, if it is not valid TOML, as text.
+
+    Raises:
+        LearnError: if the equals sign or the name is missing.
+    """
     name, separator, value_text = text.partition("=")
     if not separator or not name:
         raise LearnError(f"--option {text!r} is not valid; write NAME=VALUE, as in max_steps=100")
@@ -127,7 +131,13 @@ def describe_progress(point: Any, steps: int, curriculum: str) -> str:
 
 
 def describe_training(out: Path, job: TrainingJob, report: Any) -> str:
-    """Return a description of the result of a training: a line for the run and one for each world's evaluation."""
+    """Return a description of a training's result: a line for the run, one for its clone if any, one for each world.
+
+    Args:
+        out: the policy file that was written.
+        job: the training job.
+        report: what the function ``train`` returned.
+    """
     last = report.points[-1]
     latest = f"of the latest, {last.success:.0%} succeeded, mean return {last.return_mean:.3f}"
     lines = [f"{out}: {last.steps} steps, {last.episodes} episodes; {latest}"]

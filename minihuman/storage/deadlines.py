@@ -23,7 +23,7 @@ def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threadi
         shut: closes the socket or process that the context waits for, so that the wait ends with an error.
 
     Yields:
-        The timer, which is alive until it has called ``shut``.
+        The timer, which is alive until it has called ``shut`` or the context has ended.
     """
     timer = threading.Timer(timeout_s, shut)
     timer.daemon = True

@@ -70,6 +70,9 @@ def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterat
         mode: the permissions of a file that is created.
         new: whether to refuse to overwrite an existing file.
 
+    Yields:
+        The file, open for writing bytes.
+
     Raises:
         FileExistsError: if the file must be new but exists.
         OSError: if the file cannot be written; the error names it.
@@ -114,13 +117,17 @@ def replace_durably(
 
     Args:
         path: the file's path; its folder is created.
-        unfinished: the temporary path; None for a hidden file of this process.
+        unfinished: the temporary path; None for a hidden file in the same folder, with this process's id in its name.
         mode: the permissions of the file.
         new_folders: the number of folders above the file that an earlier call may have created without making them
             durable; they are made durable, too.
 
+    Yields:
+        The file under its temporary name, open for writing bytes.
+
     Raises:
-        OSError: if the file cannot be written; the error names ``path``, and nothing of the new content is left.
+        OSError: if the file cannot be written; the error names ``path``, and nothing of the new content is left. If a
+            folder cannot be made durable, the error names the folder, and ``path`` already has the new content.
     """
     disk = current_system().disk
     unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
@@ -141,10 +148,10 @@ def replace_durably(
 
 
 def write_atomically(text: str, path: Path) -> None:
-    """Write a text file durably, so that readers see either the whole old file or the whole new one.
+    """Write a text file in UTF-8 durably, so that readers see either the whole old file or the whole new one.
 
     Raises:
-        OSError: if the file cannot be written; the error names ``path``.
+        OSError: if the file cannot be written, as in ``replace_durably``.
     """
     with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
         file.write(text.encode())
@@ -152,6 +159,8 @@ def write_atomically(text: str, path: Path) -> None:
 
 def append_durably(path: Path, content: bytes) -> None:
     """Append bytes to a file and make them durable; create the file if it does not exist.
+
+    The name of a new file is durable only after ``sync_folder``.
 
     Raises:
         OSError: if the bytes cannot be written; the error names the file.
@@ -187,7 +196,7 @@ def copy_durably(
 
 
 def hash_file(path: Path, algorithm: str = "sha256") -> str:
-    """Return a file's digest in hexadecimal.
+    """Return a file's digest in hexadecimal, computed with an algorithm that ``hashlib`` knows by this name.
 
     Raises:
         OSError: if the file cannot be read.

@@ -20,8 +20,8 @@ class FileJournal(Journal[Line]):
     """A journal of JSON lines in a file, each of which is written under an exclusive lock and fsynced.
 
     Args:
-        path: the file's path; the file and its folder are created by the first write.
-        decode: decodes a line.
+        path: the file's path; the file and its folder are created when the journal is first locked.
+        decode: decodes a line, or returns None to skip it.
         mode: the permissions of the file.
         chained: whether each line has a checksum and the head of the chain before it; no line may then be removed.
         declaration: a line that is written before the first added line unless the journal has it; None for none.
@@ -98,7 +98,11 @@ class FileJournal(Journal[Line]):
             os.close(fd)  # while this process waited, another one removed a participant and replaced the file
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Replace the file durably by one with only the lines for which ``is_kept`` returns true."""
+        """Replace the file durably by one with only the lines that are kept; do nothing if there is no file.
+
+        Args:
+            is_kept: is called with the bytes of each line, without the line feed, and returns whether the line stays.
+        """
         if not self.begun:
             return
         with self.hold():

@@ -83,10 +83,10 @@ class LineChain:
         return line[: tail.start()] + b"}"
 
     def _open_unchained(self, line: bytes, number: int) -> bytes:
-        """Check a line without a checksum; return and count it, or return b"" if a crash cut it off.
+        """Check a line that does not end as ``seal`` ends it; return and count it, or return b"" if a crash cut it off.
 
         Raises:
-            LogError: if the line is one whose checksum was changed.
+            LogError: if the line is complete and has a part of what ``seal`` adds, so that it was changed.
         """
         if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
             raise self._make_damage_error(number, "it was changed")
@@ -163,7 +163,7 @@ class Journal(abc.ABC, Generic[Line]):
     @property
     @abc.abstractmethod
     def begun(self) -> bool:
-        """Whether a line was ever written."""
+        """Whether the journal has a line or, for a journal in a file, whether the file exists."""
 
     @abc.abstractmethod
     def read(self) -> Sequence[Line]:
@@ -175,7 +175,7 @@ class Journal(abc.ABC, Generic[Line]):
 
     @abc.abstractmethod
     def hold(self) -> AbstractContextManager[LockedJournal[Line]]:
-        """Lock the journal against all other processes while the context lasts.
+        """Lock the journal against all other processes while the context lasts, and yield the locked journal.
 
         Raises:
             OSError: if it cannot be locked.
@@ -189,6 +189,9 @@ class Journal(abc.ABC, Generic[Line]):
     @abc.abstractmethod
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
         """Remove permanently the lines that are not kept.
+
+        Args:
+            is_kept: is called with the bytes of each line, without a line feed, and returns whether the line stays.
 
         Raises:
             OSError: if they cannot be removed.
@@ -212,7 +215,11 @@ class JournalState(Generic[Line, State]):
         self._last = cast(Line, None)
 
     def after(self, lines: Sequence[Line]) -> State:
-        """Return the state after all lines of the journal. The next call may change the returned object."""
+        """Return the state that results from all lines of the journal; the next call may change the returned object.
+
+        Args:
+            lines: all lines, as ``Journal.read`` returns them, not only the added ones.
+        """
         with self._guard:
             if not self._continues(lines):
                 self._state = self._make()

@@ -47,7 +47,7 @@ class LogPiece:
     """The bytes of a live log from a given position onwards."""
 
     file: str
-    start: int
+    start: int  # the position, in bytes from the log's start, of the first byte of ``data``
     data: bytes
 
 
@@ -71,8 +71,9 @@ class LeaseTable(abc.ABC):
     def acquire(self, session: str) -> LeaseGrant | None:
         """Lease a session for ``TTL_S`` seconds.
 
-        If another server has the lease, return None, and mark the session as requested, so that the server hands it
-        over.
+        Returns:
+            The grant; if it has an ``ended``, the session has ended for good, and nothing is leased. None if another
+            server has the lease; the session is then marked as requested, so that this server hands it over.
         """
 
     @abc.abstractmethod
@@ -80,24 +81,38 @@ class LeaseTable(abc.ABC):
         """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its own position onwards.
 
         Returns:
-            For each session whose lease was renewed, whether another server requests it.
+            For each session whose lease was renewed, whether another server requests it. Sessions that have ended, or
+            whose lease has a newer fence, are absent.
         """
 
     @abc.abstractmethod
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Replace the copies of a session's files; return False, without a change, if another server has the lease."""
+        """Replace the copies of a session's files, whose contents are given by name.
+
+        Returns:
+            True; or False, without a change, if the lease has a newer fence, so that another server may have it.
+        """
 
     @abc.abstractmethod
     def read_files(self, session: str) -> dict[str, bytes]:
-        """Return the copies of a session's files, by name."""
+        """Return the copies of a session's files, by name; empty if there are none."""
 
     @abc.abstractmethod
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
-        """End a lease, with the reason if the session ended for good; return False if another server has the lease."""
+        """End a lease, and record why the session ended if it ended for good.
+
+        Args:
+            session: the session's name.
+            fence: the fence of the lease.
+            ended: the reason why the session ended for good; "" if it can be leased again.
+
+        Returns:
+            True; or False, without a change, if the lease has a newer fence or the session has another ending.
+        """
 
     @abc.abstractmethod
     def forget(self, prefix: str) -> None:
-        """Delete the copies of all sessions whose names begin with ``prefix``, and revoke their leases."""
+        """Delete the copies of all sessions whose names begin with ``prefix``; revoke their leases and endings."""
 
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
@@ -191,7 +206,7 @@ class PostgresLeaseTable(LeaseTable):
             return wanted_by_session
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Replace the copies of a session's files; return False if another server has the lease."""
+        """Replace the copies of a session's files; return False, without a change, if the lease has a newer fence."""
         mark_copied = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
         with self._database.transaction() as cursor:
             if cursor.execute(mark_copied, [session, fence]).rowcount != 1:
@@ -213,7 +228,7 @@ class PostgresLeaseTable(LeaseTable):
         return {name: bytes(copy) for name, copy in copies.items()}
 
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
-        """Let a lease expire at once; return False if another server has it."""
+        """Let a lease expire at once; return False if it has a newer fence or the session has another ending."""
         end_lease = """
             update minihuman_leases set until = '-infinity', wanted = false, ended = %s
             where session = %s and fence = %s and ended in ('', %s)
@@ -222,7 +237,7 @@ class PostgresLeaseTable(LeaseTable):
             return bool(cursor.execute(end_lease, [ended, session, fence, ended]).rowcount == 1)
 
     def forget(self, prefix: str) -> None:
-        """Delete the copies of sessions and revoke their leases; the fences keep growing."""
+        """Delete the copies of sessions, and revoke their leases and endings; the fences keep growing."""
         with self._database.transaction() as cursor:
             cursor.execute(
                 """
@@ -235,7 +250,10 @@ class PostgresLeaseTable(LeaseTable):
 
 
 def _append_to_copies(cursor: "Cursor[Any]", pieces: Sequence[tuple[str, LogPiece]]) -> None:
-    """Add pieces to the copies of sessions' logs; a piece replaces the copy from its own position onwards."""
+    """Add pieces, each given after its session's name, to the copies of logs.
+
+    A piece replaces its copy from the piece's own position onwards.
+    """
     cursor.executemany(
         "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
         [(session, piece.file, piece.start) for session, piece in pieces],

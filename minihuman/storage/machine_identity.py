@@ -24,7 +24,8 @@ def read_machine_id(data: Path) -> str:
     A data folder that several stations share counts as one machine, as it holds one copy of the data.
 
     Raises:
-        OSError: if the id cannot be written.
+        OSError: if the folder cannot be read or the id cannot be written.
+        LogError: if the folder's file system has no locks.
     """
     inode = data.stat().st_ino
     identity = _read_identity(data)

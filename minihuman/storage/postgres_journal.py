@@ -37,7 +37,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
     Args:
         url: the address in libpq's form, postgresql://user@host/database.
         name: the journal's name.
-        decode: decodes a line.
+        decode: decodes a line, or returns None to skip it.
         chained: whether each line has a checksum and the head of the chain before it, as in ``FileJournal``.
         declaration: a line that is written before the first added line, as in ``FileJournal``; None for none.
     """
@@ -72,7 +72,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Return all lines."""
+        """Return all lines; empty if the journal does not exist."""
         # no transaction: if lines are removed between the two queries, the next call sees a new generation
         with self._open_cursor_by(self._database.open_cursor) as cursor:
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
@@ -80,7 +80,10 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
-        """Lock the journal by its row; the lock ends with the connection."""
+        """Lock the journal's row while the context lasts, and yield the locked journal.
+
+        The lock also ends with the connection. The lines that are added are committed when the context ends.
+        """
         with self._open_cursor_by(self._database.transaction) as cursor:
             lines = self._read_new_lines(cursor, self._lock_row(cursor))
             chain = self._chain.copy() if self._chained else None
@@ -114,7 +117,12 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return int(row[0])
 
     def _read_new_lines(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
-        """Read the lines added since the last call, or all lines if others were removed; return all lines."""
+        """Read the lines added since the last call, or all lines if the generation differs; return all lines.
+
+        Args:
+            cursor: a cursor of the database.
+            generation: the journal's present generation, a number that grows when lines are removed.
+        """
         if generation != self._generation:
             self._generation = generation
             self._last_number = 0
@@ -136,7 +144,11 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @contextmanager
     def _open_cursor_by(self, open_cursor: "_CursorOpener") -> Iterator["psycopg.Cursor[Any]"]:
-        """Open a cursor with a method of the database; after an error, the next read begins at the first line."""
+        """Yield the cursor that a method of ``Database`` opens.
+
+        Raises:
+            JournalDatabaseError: if the database cannot be queried; the next read then begins at the first line.
+        """
         try:
             with open_cursor() as cursor:
                 yield cursor

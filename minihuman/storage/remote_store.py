@@ -71,7 +71,7 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the version, an MD5 if possible, of each file whose name begins with ``prefix``.
+        """Return the versions of the files whose names begin with ``prefix``, by name; a version is an MD5 if possible.
 
         Raises:
             RemoteStoreError: if the files cannot be listed.
@@ -125,6 +125,7 @@ class FolderStore(RemoteStore):
                 mode = self._folder.stat().st_mode  # users who may read the shared folder may read its files
                 target = join_inside(self._folder, name)
                 current_system().disk.make_folder(target.parent, stat.S_IMODE(mode) | 0o700)
+                # the folder's permissions without those to execute, and at least the owner's to read and write
                 copy_durably(path, target, self._unfinished, mode=mode & 0o666 | 0o600, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
@@ -132,7 +133,7 @@ class FolderStore(RemoteStore):
             ) from error
 
     def fetch(self, name: str, path: Path) -> None:
-        """Copy a file out of the folder."""
+        """Copy a file out of the folder to a local path, whose folder is created."""
         try:
             copy_durably(join_inside(self._folder, name), path, new_folders=LOG_DEPTH)
         except OSError as error:
@@ -194,7 +195,7 @@ class FolderStore(RemoteStore):
     @contextmanager
     def _locked(self) -> Iterator[None]:
         """Lock the folder against other machines, and remove a file that an interrupted call left unfinished."""
-        with hold_lock(self._folder / ".lock", 0o666):
+        with hold_lock(self._folder / ".lock", 0o666):  # which every user of the shared folder opens for writing
             if self._unfinished.exists():
                 current_system().disk.unlink(self._unfinished)
             yield
@@ -208,7 +209,8 @@ def open_remote_store(data: Path, *, may_be_new: bool = True) -> RemoteStore | N
         may_be_new: whether the store may be a folder that does not exist yet, as in ``open_store_url``.
 
     Raises:
-        RemoteStoreError: if the store is a folder that must exist but does not.
+        RemoteStoreError: if the store is a folder that must exist but does not, or the address of an S3 store is not
+            valid.
     """
     path = data / STORE_URL_FILE_NAME
     if path.is_file():
@@ -346,7 +348,7 @@ class S3Store(RemoteStore):
         return {stored["Key"].removeprefix(self._prefix): stored["ETag"].strip('"') for stored in objects}
 
     def remove(self, name: str) -> None:
-        """Delete an object."""
+        """Delete the object of a file, if it exists."""
         with self._raise_as_store_error(f"{name} cannot be removed from"):
             target = {"Bucket": self._bucket, "Key": self._prefix + name}
             call_within(STORE_TIMEOUT_S, lambda: self._client.delete_object(**target))

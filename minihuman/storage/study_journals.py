@@ -34,7 +34,7 @@ def open_journal(
     Args:
         study_dir: the study's folder.
         name: the file name of the journal, which is a part of its name in a database.
-        decode: decodes a line.
+        decode: decodes a line, or returns None to skip it.
         mode: the permissions of the file; ignored in a database.
         chained: whether each line has a checksum and the head of the chain before it, as in ``FileJournal``.
         declaration: a line that is written before the first added line, as in ``FileJournal``; None for none.

@@ -28,7 +28,10 @@ class FileSystem:
         return operating_system.open_file(path, flags, mode)
 
     def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Write or append bytes at the file's position; return how many were written, which may be fewer."""
+        """Write bytes at a file's position, or at its end if it was opened for appending; return how many were written.
+
+        They may be fewer than those given.
+        """
         return os.write(fd, data)
 
     def sync(self, fd: int) -> None:

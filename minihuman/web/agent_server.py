@@ -43,7 +43,12 @@ REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
 
 
 class ProgramClient(ModelClient):
-    """Hands screens to a program and takes its answers; screens are numbered, so that no answer is used twice."""
+    """Hands screens to a program and takes its answers; screens are numbered, so that no answer is used twice.
+
+    Args:
+        name: the program's name, which is logged as the model's.
+        timeout_s: the longest time to wait for the answer to a screen, in seconds.
+    """
 
     def __init__(self, name: str, timeout_s: float) -> None:
         self.model = name
@@ -55,7 +60,7 @@ class ProgramClient(ModelClient):
         self.over = ""  # how the session ended; "" while it runs
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
-        """Show a screen and wait for the program's answer.
+        """Show the program a screen, wait for its answer, and return the answer.
 
         Raises:
             ModelUnavailableError: if the program does not answer in time.
@@ -90,7 +95,11 @@ class ProgramClient(ModelClient):
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
-        """Take the answer to a screen; return False if that screen is not waiting for an answer."""
+        """Take the program's answer to the screen with a number.
+
+        Returns:
+            Whether the answer was taken; False, without an effect, if that screen is not waiting for an answer.
+        """
         with self._changed:
             if self._prompt is None or number != self._number:
                 return False
@@ -99,9 +108,10 @@ class ProgramClient(ModelClient):
         return True
 
     def read_screen(self) -> dict[str, Any]:
-        """Wait for a screen or the session's end, and return it as JSON values.
+        """Wait for a screen that needs an answer, and return it as a dictionary of JSON values.
 
-        Without either within ``ANSWER_WAIT_S``, return only the last screen's number, with ``"over": None``.
+        If the session ends, return only the last screen's number and, as ``"over"``, the reason. Without a screen or
+        the end within ``ANSWER_WAIT_S``, return only that number, with ``"over": None``.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
@@ -207,7 +217,7 @@ class AgentRequestHandler(GuardedHandler):
     """Answers a program's requests; `make_agent_server` sets the sessions that it serves."""
 
     programs: ProgramSessions
-    host: str  # a name by which requests may address this machine, beside the local ones
+    host: str  # a name by which requests may address this machine, in addition to the local ones
     protocol_version = "HTTP/1.1"
     request_s = REQUEST_S
     timeout = REQUEST_S
@@ -306,7 +316,7 @@ class AgentRequestHandler(GuardedHandler):
 
 
 def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
-    """Return the HTTP server through which programs take part; its ``serve_forever`` runs it.
+    """Return the HTTP server through which programs take part, on ``port`` of ``host``; ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads the screen again. Each request returns the next

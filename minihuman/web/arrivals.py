@@ -233,7 +233,7 @@ class Arrivals:
         free_slot(self._study_dir, admission.participant, why)
 
     def release(self, admission: Admission, why: str) -> None:
-        """Offer the slot of a visitor who vanished before playing to others; the visitor may still come back.
+        """Free the slot of a visitor who left before playing, so that another can take it; the visitor may come back.
 
         A visitor who has taken part in an earlier session keeps the slot.
 
@@ -258,6 +258,10 @@ class Arrivals:
 
         Returns:
             The admission; a rejection if the visitor may not take part, or the participant has no session to play.
+
+        Raises:
+            LeaseHeldError: if another server hosts the session.
+            LogError: if a log of the participant cannot be read, finished or fetched.
         """
         key = self._find_visitor_key(arrival, platform_visitor)
         if not key and not self.protocol.web.open_access:
@@ -276,7 +280,7 @@ class Arrivals:
             participant, plan = enrolment
         leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
-            last = max(1, len(self.protocol.sessions))
+            last = max(1, len(self.protocol.sessions))  # a study that declares no sessions has one
             return Rejection("finished", leased_session, last, self.find_platform_id(participant))
         session, lease = leased_session
         try:
@@ -336,6 +340,10 @@ class Arrivals:
 
         The plan is None if the visitor was enrolled in the meantime. A study that is closed or full, or does not know
         the link, rejects the visitor.
+
+        Args:
+            key: the visitor's key, as ``_find_visitor_key`` returns it, or that of a link that was just made.
+            platform_visitor: the visitor's id on a platform; None if no platform sent the visitor.
         """
         with self.recruits.exclusive() as recruits:
             if key in recruits.standing.came:
@@ -362,13 +370,17 @@ class Arrivals:
         """Find a participant's first incomplete session, and lease it unless it is hosted here or leases are not used.
 
         Returns:
-            The session's number with its lease, if it was leased; if there is no such session, the reason why the
-            participant's last session ended.
+            The session's number and its lease, which is None if it was not leased; if there is no such session, the
+            reason why the participant's last session ended.
+
+        Raises:
+            LeaseHeldError: if another server hosts the session.
+            RemoteStoreError: if the files that another server stored cannot be fetched.
         """
         if self.leases is None:
             with suppress(RemoteStoreError):  # without the store, only the logs on this machine count
                 self._sync_logs(participant)
-        n_sessions = max(1, len(self.protocol.sessions))
+        n_sessions = max(1, len(self.protocol.sessions))  # a study that declares no sessions has one
         for session in range(1, n_sessions + 1):
             lease = None
             end_reason = self._read_end_reason(participant, session)
@@ -423,7 +435,10 @@ class Arrivals:
         return log.end_reason
 
     def settle(self, admission: Admission) -> None:
-        """Release the lease of a session that was not started; mark it as ended if its log is complete."""
+        """Release the lease, if any, of a session that was not started; if its log is whole, mark the session as ended.
+
+        Errors in marking it are ignored.
+        """
         if self.leases is None or admission.lease is None:
             return
         if ended := self._read_end_reason(admission.participant, admission.session):
@@ -433,7 +448,10 @@ class Arrivals:
         self.leases.release(admission.lease)
 
     def finish_ended(self) -> None:
-        """Finish the logs of sessions that had ended when this server was killed, and record missing chain heads.
+        """Finish the logs of sessions that had ended when this server was killed.
+
+        Then add to the enrolment log the chain heads of finished logs that it lacks. Do nothing if no other machine
+        serves this study.
 
         Raises:
             OSError: if the database or the remote store cannot be reached, or a log cannot be written.

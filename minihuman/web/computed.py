@@ -43,7 +43,7 @@ MOST_UNKNOWN = 50  # consecutive steps without a digest, as after a reload witho
 
 
 def can_compute(play: RunningEpisode) -> bool:
-    """Return whether a page can compute an episode: kernels alone must step its world and draw its view."""
+    """Return whether a page can compute an episode: compiled kernels alone must step its world and draw its view."""
     world = play.world
     if not isinstance(world, PageWorld) or not world.is_compiled:
         return False
@@ -134,9 +134,9 @@ class ComputedEpisode:
 
 
 def _find_step(events: Sequence[Event]) -> Stepped | None:
-    """Return the first step among events; an exact type, as tests for abstract classes are slow."""
+    """Return the first step among events; None if there is none."""
     for event in events:
-        if type(event) is Stepped:
+        if type(event) is Stepped:  # the exact type, as tests for abstract classes are slow
             return event
     return None
 
@@ -144,7 +144,7 @@ def _find_step(events: Sequence[Event]) -> Stepped | None:
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
-    """Describe a grid world to a page.
+    """Describe a grid world to a page; ``picture_px`` is the largest picture wanted, as width and height.
 
     Returns:
         The world's state with empty fields in place of those that steps change, the arrays that the page needs, and
@@ -168,7 +168,7 @@ def _describe_grid(
 def _describe_first_person(
     env: "FirstPersonEnv", plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], PageLook]:
-    """Describe a first-person world to a page.
+    """Describe a first-person world to a page; ``picture_px`` is the size of its picture, as width and height.
 
     Returns:
         The world's state with empty fields in place of those that steps change, the arrays that the page needs, and
@@ -204,7 +204,13 @@ def _encode_run_lengths(row: NDArray[np.int32]) -> list[int]:
 
 @lru_cache(maxsize=16)
 def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
-    """Pack the tiles of one size and palette for pages; the result is cached."""
+    """Pack the pictures of a grid world's tiles for pages; the result is cached.
+
+    Args:
+        tile_px: the width and height of a tile, in pixels.
+        palette: the palette in which the tiles are drawn.
+        kinds: the world's own kinds of objects; empty if it has none.
+    """
     tile_atlas = atlas(tile_px, palette, kinds)
     names = ("number", "under", "tiles", "agents", "carried")
     sizes = np.array([tile_px, tile_atlas.carried.shape[1]], np.int32)
@@ -213,7 +219,7 @@ def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:
-    """Pack arrays into one message for pages, whose name is the digest of their names, types and contents."""
+    """Pack arrays into one message for pages; the message's name is a digest of the arrays' names and contents."""
     entries = [(name, str(array.dtype), array.nbytes) for name, array in arrays.items()]
     content = b"".join(array.tobytes() for array in arrays.values())
     digest = hashlib.sha256(repr(entries).encode() + content).hexdigest()[:16]

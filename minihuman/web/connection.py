@@ -132,7 +132,7 @@ class Connection(PageSession):
         return self._turn.locked()
 
     async def run(self, work: Callable[..., T], *arguments: Any) -> T:
-        """Call a function that works on the session.
+        """Call a function that works on the session, and return its result.
 
         If the session's worlds may keep it waiting, the call runs in a thread, after the calls before it. The work is
         finished even if the task that awaits it is cancelled.
@@ -175,7 +175,8 @@ class Connection(PageSession):
         """Welcome a page on a new socket or another transport, and resume or restart the streams of messages.
 
         Returns:
-            The answer, the socket's number, and the number of the last server message that the page has.
+            The answer, the socket's number, and the number of the last message of the server's stream that the page
+            has; 0 if that stream begins anew.
         """
         socket_number = self.presence.open_socket(monotonic_s())
         if transport != self.transport:  # noted, since the log's fact is the transport at the segment's start
@@ -197,9 +198,9 @@ class Connection(PageSession):
         return self._build_welcome(resumes=False), socket_number, 0
 
     def _catch_up_with_page(self, page_ns: int) -> None:
-        """Advance the session's clock to the time of a page whose clock ran on while there was no server.
+        """Advance the session's clock to a page's last time, since the page's clock ran on while there was no server.
 
-        If the page's time is not plausible, the segment gets a new name.
+        If the page's time, in nanoseconds on the session's clock, is not plausible, the segment gets a new name.
         """
         clock = current_system().clock
         ahead_ns = page_ns - self.now_ns()
@@ -269,7 +270,7 @@ class Connection(PageSession):
             is_text: whether it holds what was typed.
 
         Returns:
-            True if the message is within the budget.
+            Whether the message is within the budget; always False once the session has been ended for its budget.
         """
         if self.is_over_budget:
             return False
@@ -323,7 +324,7 @@ class Connection(PageSession):
             raise
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
-        """Give the session a message that was not received before."""
+        """Give the session a message that was not received before; the arguments are those of ``take``."""
         arrival_ns = current_system().clock.monotonic_ns()
         self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
         if self.host.over:
@@ -393,7 +394,7 @@ class Connection(PageSession):
             self._wake_sender()
 
     def stop(self, reason: str, detail: str) -> None:
-        """End the session for a reason outside the page."""
+        """End the session for a reason outside the page: one of ``Stop``'s reasons, with a detail for the log."""
         self._call_or_end(self.host.stop, Stop(self._make_input_time_ns(), reason, detail))  # type: ignore[arg-type]
         self._wake_sender()
 

@@ -275,10 +275,15 @@ class ConnectionFactory:
     def _start_or_resume(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
-        """Resume the session of a live log, or start a host for a new segment if the log was left too long ago.
+        """Resume the session of a live log, or start a host for a new segment.
+
+        A new segment is started if there is no live log, it was left too long ago, or it cannot be resumed here. The
+        arguments are those of ``_host_session``.
 
         Raises:
+            AllocationError: if there is nothing left to play.
             LogError: if another server is writing the log, or the new segment cannot be started.
+            OSError: if the earlier log cannot be stored where other servers can read it.
         """
         if admission.part is not None:
             if is_being_recorded(admission.part):
@@ -306,7 +311,11 @@ class ConnectionFactory:
 
 
 class _WakeQueue:
-    """Wakes connections whose data became durable; one call on the event loop wakes all that are waiting."""
+    """Wakes connections whose data became durable; one call on the event loop wakes all that are waiting.
+
+    Args:
+        recorded: the set to which woken connections of leased sessions are added, because their logs have grown.
+    """
 
     def __init__(self, recorded: set[Connection]) -> None:
         self._recorded = recorded

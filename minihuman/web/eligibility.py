@@ -87,7 +87,7 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 
 
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
-    """Read the properties on which eligibility depends from a page's facts."""
+    """Read the properties on which eligibility depends from a page's facts; those not reported get their defaults."""
     window_px = (0, 0)
     size_match = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
     if size_match:
@@ -107,7 +107,7 @@ def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserP
 
 
 def _classify_browser(family: str) -> str:
-    """Return a protocol's name for a browser family as reported by a page, in lower case; "other" if it has none."""
+    """Return the name that protocols use for a browser, given its family in lower case; "other" if they have none."""
     if "chromium" in family:
         return "chrome"
     return next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
@@ -204,7 +204,7 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
 
 
 def get_session_code(protocol: Protocol, session: int) -> str:
-    """Return a session's own completion code; "" if it has none."""
+    """Return the completion code of the session with a number, from 1; "" if it has no code of its own."""
     if session <= len(protocol.sessions):
         return protocol.sessions[session - 1].completion_code
     return ""
@@ -230,7 +230,7 @@ def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "",
 
 @cache
 def load_page_texts() -> dict[str, dict[str, str]]:
-    """Load the page's texts by language and key."""
+    """Return the page's texts from their file, by language and then by key."""
     return tomllib.loads(files(__package__).joinpath("page_texts.toml").read_text(encoding="utf-8"))
 
 

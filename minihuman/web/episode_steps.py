@@ -60,7 +60,7 @@ class EpisodeSteps:
     # What the page showed
 
     def knows(self, message: DisplayedMessage) -> bool:
-        """Return whether a displayed picture shows a step of the current episode."""
+        """Return whether a displayed picture shows a step of the latest episode that was made already."""
         return message.episode == self.episode and message.step < len(self._scenes)
 
     def keep_early(self, message: DisplayedMessage) -> None:
@@ -77,10 +77,10 @@ class EpisodeSteps:
         return early
 
     def find_corrected(self, message: DisplayedMessage, pictures: Mapping[int, int]) -> RunningEpisode | None:
-        """Return the running episode if its joint step differs from the picture shown for it; else None.
+        """Return the running episode if its joint step differs from the picture shown for it; otherwise None.
 
         Args:
-            message: the message about the displayed picture.
+            message: the message about the displayed picture, which ``knows`` accepts.
             pictures: the number of each scene's picture, by the scene's name.
         """
         scene = self._scenes[message.step]
@@ -91,7 +91,10 @@ class EpisodeSteps:
         return self._play
 
     def describe_difference(self, message: DisplayedMessage) -> str:
-        """Return how the scene displayed for a step differs from the session's; "" if it does not or is unknown."""
+        """Return how the scene displayed for a step differs from the session's; ``knows`` must accept the message.
+
+        The text is "" if the scenes do not differ, if one of them is unknown, or in a joint episode.
+        """
         scene = self._scenes[message.step]
         is_unknown = scene < 0 or message.node < 0
         if self._is_joint or is_unknown or scene == message.node:

@@ -62,7 +62,7 @@ class HostStorage:
         protocol: the study; the policies of its agents are stored beside it.
         data: the data folder.
         group_commit: the writer shared by all sessions of a process.
-        teams: the teams among the sessions of a process.
+        teams: the teams among the sessions of a process; None if agents play all partners.
         make_world: makes the worlds of sessions.
     """
 
@@ -210,7 +210,7 @@ def name_segment(data: Path, plan: SessionPlan) -> str:
 
 
 class SessionRecording:
-    """Finishes a session's log and lease when it is over, or leaves them when its server stops. It waits for the disk.
+    """Finishes the log and the lease of a session that is over, or leaves them if its server stops; waits for the disk.
 
     Args:
         hosted: the session.
@@ -280,7 +280,12 @@ class SessionRecording:
         self._hosted.host.close_agent()
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
-        """Seal the log, and replace its copy in the database: by the log if other servers need it, else by nothing."""
+        """Seal the log, and replace its copy in the database: by the log if other servers need it, else by nothing.
+
+        Args:
+            log: the finished log.
+            is_final: whether the session ended for good, so that no other server resumes it.
+        """
         is_in_store = _seal_log(log)
         if self._leases is None or self._lease is None:
             return
@@ -313,7 +318,9 @@ class SessionRecording:
 
 
 def _seal_log(log: Path) -> bool:
-    """Seal a log and copy it to the remote store; return whether both succeeded.
+    """Seal a log, by recording its end in the enrolment log, and copy it to the remote store if there is one.
+
+    Return whether both succeeded.
 
     After a failure the participant gets the completion code all the same, because the log is on this machine.
     """

@@ -113,15 +113,15 @@ class _NumberedServerMessage(msgspec.Struct):
 
 
 def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
-    """Encode a message of the server's stream as part of a batch."""
+    """Encode a message of the server's stream, with its number in the stream, as a part of a batch."""
     if isinstance(message, PictureMessage):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
-        return _PART.pack(1, len(head) + len(message.data)) + head + message.data
+        return _PART.pack(1, len(head) + len(message.data)) + head + message.data  # 1: a picture
     return encode_text(_NumberedServerMessage(number, message))
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
-    """Encode a message that is not part of the server's numbered stream."""
+    """Encode as JSON a message that is not part of the server's numbered stream."""
     return _ENCODER.encode(message).decode()
 
 
@@ -136,4 +136,4 @@ def encode_part(text: str) -> bytes:
 
 
 def _frame_text(text: bytes) -> bytes:
-    return _PART.pack(0, len(text)) + text
+    return _PART.pack(0, len(text)) + text  # 0: text

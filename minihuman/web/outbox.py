@@ -52,7 +52,7 @@ def build_rules(
     Args:
         play: the episode.
         part_plan: the plan of its part.
-        computed: the world's state if the page computes the episode.
+        computed: the world's state if the page computes the episode; None otherwise.
         keep: the number of the first picture that the page must keep.
     """
     plan = play.plan
@@ -203,7 +203,7 @@ class Outbox:
             self._begin_episode(next_play)
 
     def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
-        """Move the look-ahead along a step of the session, and send the scenes that it found."""
+        """Move the look-ahead along a step of the session, which may have ended the episode; send the scenes found."""
         play = None
         if not ended:
             play = self._session.play
@@ -229,7 +229,12 @@ class Outbox:
         self._page.send_scenes(self._ahead.graph)
 
     def _send_rules(self, play: RunningEpisode, keep: int) -> None:
-        """Send the rules of an episode, with the world's state if the page computes it."""
+        """Send the rules of an episode, with the world's state if the page computes it.
+
+        Args:
+            play: the episode.
+            keep: the number of the first picture that the page must keep.
+        """
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)
@@ -331,7 +336,10 @@ class Outbox:
         page.send_screen(session, screen, message)
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
-        """Send the session's position in its episode; a page that computes the episode knows its own step count."""
+        """Send the position in ``play``, the running episode, unless the page has it or, as it computes it, knows it.
+
+        ``steering`` is given if an agent plays the episode; ``tick_ns`` is the time at which the page must send a tick.
+        """
         step = -1
         episode = -1
         waited_for = 0

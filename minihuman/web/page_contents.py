@@ -19,7 +19,7 @@ class PageContents:
 
     Args:
         encoding: the encoding of pictures.
-        lend: lends a world that may be reset.
+        lend: lends a world with a given id and options, which may be reset; returns None if there is none to lend.
     """
 
     def __init__(self, encoding: ImageEncoding, lend: WorldLender) -> None:

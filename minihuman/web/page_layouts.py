@@ -28,7 +28,7 @@ _BLOCK = ("JOIN", "LEFT", "RIGHT", "CLAUSES", "CLAUSE", "VERB", "THING", "OTHER"
 
 
 def read_layout_modules() -> dict[str, Any]:
-    """Return, for each compiled module of layouts, its file and its functions by name, from the manifest.
+    """Return the manifest's entry for each compiled module of layouts, by name; it lists the files and the functions.
 
     Raises:
         WorldError: if the modules were compiled from other sources than the present ones.
@@ -58,7 +58,9 @@ def _name_layout(recipe: Recipe) -> str:
 
 
 def describe_layout(env: Any) -> dict[str, Any]:
-    """Describe to a page how it lays out a world.
+    """Return what a page needs to lay out a world from a seed, as JSON values.
+
+    These are the layout's name, its numbers and its program, the header of the world's row, and the mission's words.
 
     Args:
         env: a grid world whose layout is in a compiled module (see `find_layout_module`), before its first reset.

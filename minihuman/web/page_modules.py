@@ -12,7 +12,7 @@ _ROOT = "/static"
 
 
 def find_module_address(module: str) -> str:
-    """Return the address from which the page loads the JavaScript module that a kind names as "package:file"."""
+    """Return the address from which the page loads a JavaScript module that an activity kind names "package:file"."""
     package, _, file = module.partition(":")
     return f"{_ROOT}/{package.replace('.', '/')}/{file}"
 

@@ -119,7 +119,7 @@ class PageProtocol:
         session: the page's session.
         welcome: the answer to the page's hello.
         after: the number of the last server message that the page has.
-        now_s: the present time in seconds.
+        now_s: the present monotonic time in seconds.
     """
 
     def __init__(self, session: PageSession, welcome: messages.Welcome, after: int, now_s: float) -> None:
@@ -148,11 +148,11 @@ class PageProtocol:
         self._was_behind = False
 
     def admits(self, now_s: float) -> bool:
-        """Return whether the rate limit admits another message now; otherwise the message has to wait."""
+        """Count another message, and return True, if the rate limit admits it now; otherwise it has to wait."""
         return self._rate_limit.take(now_s)
 
     def receive(self, text: str, *, more: bool) -> str | None:
-        """Handle one message; return the answer to be sent at once, if there is one.
+        """Handle one message; return the answer to be sent at once, or None if there is none.
 
         Args:
             text: the message.

@@ -174,7 +174,7 @@ def _list_fields(form: type) -> Iterator[_Field]:
     elif dataclasses.is_dataclass(form):
         hints = get_type_hints(form, include_extras=True)
         for own_field in dataclasses.fields(form):
-            yield _Field(own_field.name, hints[own_field.name], False)
+            yield _Field(own_field.name, hints[own_field.name], False)  # the page always gets it
     else:
         raise TypeError(f"{form!r} is not a type that a page can have")
 

@@ -138,7 +138,7 @@ class LookAheadGraph:
         """Find the scene to which an action leads from the present scene, and add it to the graph.
 
         Returns:
-            False if the scene was found before, or cannot be found.
+            Whether the action was tried now; False if it was tried before, or its scene cannot be found.
         """
         root = self.root
         world = self.world
@@ -175,7 +175,12 @@ class LookAheadGraph:
         return None
 
     def _find_scene(self, world: World, *, closed: bool = False) -> SceneNode:
-        """Return the scene that a world is in, adding it to the graph if it is new."""
+        """Return the scene that a world is in; add it to the graph if it is new, or was closed and is open now.
+
+        Args:
+            world: the world.
+            closed: whether the episode is over in this scene, so that no action can be tried from it.
+        """
         scene_hash = world.scene_hash()
         existing = self._scenes.get(scene_hash)
         if existing is not None and (closed or not existing.closed):
@@ -230,7 +235,7 @@ class ScreenPrefetcher:
 
     Args:
         number: gives a picture its number; the picture is sent before the screen that contains it.
-        lend: lends a world that may be reset.
+        lend: lends a world with a given id and options, which may be reset; returns None if there is none to lend.
     """
 
     def __init__(self, number: NumberPicture, lend: WorldLender) -> None:
@@ -245,7 +250,7 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """Start again from the session's present screen, whose name is given."""
+        """Start again from the session's present screen, which has the name ``name``."""
         self._to_do.clear()
         self._tries_left = _MOST_TRIES
         self._looked_from = set()
@@ -397,7 +402,7 @@ def _make_input(input_name: str, at_ns: int) -> Input:
         case "key":
             return KeyDown(at_ns, target, "")
         case "point":
-            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)
+            return PointerPressed(at_ns, 0.5, 0.5, target, 0.5)  # in the middle of the picture and of the target
     return Tick(at_ns)
 
 

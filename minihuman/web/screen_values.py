@@ -142,7 +142,10 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """Return the numbers of a film's pictures: `PENDING_PICTURE` for all but the current one, which are drawn later."""
+    """Return the numbers of a film's pictures: `PENDING_PICTURE`, as not drawn yet, for all but that of ``step``.
+
+    After the film's end, its last picture is that of the step.
+    """
     current = min(step, len(pictures) - 1)
     numbers = [PENDING_PICTURE] * len(pictures)
     if pictures:
@@ -171,6 +174,7 @@ def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
 
 def _convert_to_picture(screen: screens.ActivityScreen, number: NumberPicture) -> PageValues:
     """Convert a screen to a page that has only the picture that a window would show."""
+    # page 1 of 1, without a title, a text and a prompt
     page = screens.PageScreen("", "", 1, 1, "", picture=compose_screen(screen, _WINDOW_PX), locale=screen.locale)
     return _page(page, number)
 
@@ -223,7 +227,13 @@ class _SharedImages:
         self._n_bytes = 0
 
     def pack(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-        """Return the packing, such as ``JPEG``, and the packed bytes of a picture, from the cache if it has them."""
+        """Return the packing, such as ``JPEG``, and the packed bytes of a picture, from the cache if it has them.
+
+        Args:
+            digest: identifies the picture in the cache.
+            encoding: the encoding, as for ``ImageCache``.
+            picture: the picture, uint8[H, W, 3].
+        """
         key = (digest, encoding)
         cached = self._packed.get(key)
         if cached is not None:

@@ -35,7 +35,7 @@ class SessionBudget:
     def __init__(self, plan: SessionPlan) -> None:
         self.spent_bytes = 0
         self._granted_bytes = 0  # the limit when it was last found; it grows with time
-        self._text_bytes = 0  # the part of these that was typed, which may not use the bytes granted for steps
+        self._text_bytes = 0  # the part of those spent that was typed, which may not use the bytes granted for steps
         self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # for all steps, granted at the rate below
         self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
         self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan) - self._step_bytes

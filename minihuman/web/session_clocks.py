@@ -165,7 +165,8 @@ class PageClock:
         by_page_ns = link.back - link.sent
         in_server_ns = link.answered - link.received
         rtt_ns = max(0, by_page_ns - in_server_ns)
-        error_ns = (rtt_ns + 1) // 2
+        error_ns = (rtt_ns + 1) // 2  # half of it, rounded up
+        # the mean over both directions, in which the network's delays cancel each other if they are equal
         offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2
         self.rtt_ns = rtt_ns
         if self._first is None:

@@ -98,7 +98,7 @@ class SessionHost:
         """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
 
         Args:
-            durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
+            durable: how many of the recorder's writes count as durable; None for all on the disk, -1 for none at all.
         """
         return self._writer.safe(durable)
 
@@ -185,7 +185,14 @@ class SessionHost:
         return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
-        """Advance the session's time to that of a message, which begins the session if it is the first."""
+        """Advance the session's time to that of a message, which begins the session if it is the first.
+
+        The arguments are those of ``receive``.
+
+        Raises:
+            LogError: if the log cannot be written.
+            MessageError: if the time is not later than that of the last message.
+        """
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
                 f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
@@ -208,7 +215,7 @@ class SessionHost:
         self._writer.write(self.session.receive(stop))
 
     def ask(self, command: str, text: str) -> None:
-        """Send the experimenter's command to the page; the session carries it out at the time at which it arrives."""
+        """Send the page an experimenter's command and its text; the session carries it out when the page echoes it."""
         self._send_question(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
     def _send_question(self, make_input: MakeInput) -> None:
@@ -247,7 +254,7 @@ class SessionHost:
         if self._agent is None or self._is_announced or (request := self._long_request) is None:
             return False
         if self._prepared is None:
-            self._prepared = self._agent.answer(request, None, self.last_at_ns)
+            self._prepared = self._agent.answer(request, None, self.last_at_ns)  # outside of episodes
         if self._prepared is None:
             return False
         self._is_announced = True
@@ -256,7 +263,7 @@ class SessionHost:
 
     @property
     def _request(self) -> ActivityRequest | None:
-        """Return the present request of the session's part to an agent or to other participants; None if none."""
+        """Return the present request of the session's part to an agent or other participants; None if there is none."""
         if self.session.over:
             return None
         return self.session.request

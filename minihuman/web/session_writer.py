@@ -67,7 +67,7 @@ class SessionWriter:
         self._pending.clear()
 
     def record_taken(self, number: int, *, with_next: bool = False) -> None:
-        """Record that a message of the page was taken and its events were handed to ``write``.
+        """Record that a message of the page was taken, and its events were given to ``write`` or ``write_later``.
 
         Args:
             number: the message's number.
@@ -82,7 +82,7 @@ class SessionWriter:
         """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
 
         Args:
-            durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
+            durable: how many of the recorder's writes count as durable; None for all on the disk, -1 for none at all.
         """
         if durable is None:
             durable = self._recorder.durable_writes

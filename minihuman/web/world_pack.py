@@ -91,6 +91,10 @@ def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summa
         seeds: the seeds whose first states are packed, in any order.
         name: the name by which a page makes the world, which is also a file name.
         summary: the world's title, and its mission if it has none.
+
+    Raises:
+        WorldError: if the world is a first-person world without discrete actions, or the compiled layouts are of other
+            sources.
     """
     (folder / "starts").mkdir(parents=True, exist_ok=True)
     writer = _PackWriter(folder, range(len(seeds)))
@@ -99,7 +103,12 @@ def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summa
 
 
 class _PackWriter:
-    """Writes worlds into a folder, then the index of the folder."""
+    """Writes worlds into a folder, then the index of the folder.
+
+    Args:
+        folder: the folder, which has a subfolder "starts".
+        seeds: consecutive seeds whose first states ``add_world`` packs of worlds that no page can lay out.
+    """
 
     def __init__(self, folder: Path, seeds: range) -> None:
         self.folder = folder
@@ -113,7 +122,12 @@ class _PackWriter:
         self._kinds: tuple[ObjectKind, ...] = ()  # object kinds that a world defines itself
 
     def add_world(self, kind: str, world: CatalogueEntry) -> None:
-        """Write a world's first states, or record how a page lays it out; skip a world whose rules are Python."""
+        """Write a world's first states, or record how a page lays it out; skip a world whose rules are Python.
+
+        Args:
+            kind: the heading under which the index lists the world, from ``_KINDS``.
+            world: the world's entry in the catalogue.
+        """
         options: dict[str, Any] = {}
         if kind == "First person":
             options = PAGE_SINE
@@ -169,7 +183,7 @@ def _write_deflated(path: Path, content: bytes | dict[str, Any]) -> None:
     """Write bytes, or an object as JSON, in compressed form."""
     if isinstance(content, dict):
         content = json.dumps(content, separators=(",", ":")).encode()
-    path.write_bytes(zlib.compress(content, 9))
+    path.write_bytes(zlib.compress(content, 9))  # as small as possible
 
 
 def _describe_sizes(env: GridEngine) -> dict[str, Any]:
@@ -180,7 +194,7 @@ def parse_seeds(text: str) -> range:
     """Parse seeds from the command line, such as "0-99" or a single number.
 
     Raises:
-        WorldError: if the text is not a range of seeds, or the range has more than a million.
+        WorldError: if the text is not a range of seeds, or the range is empty or has more than a million.
     """
     match = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", text.strip())
     if match is None:
@@ -305,7 +319,11 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 
 def _write_atlas(folder: Path, kinds: "tuple[ObjectKind, ...]") -> dict[str, Any]:
-    """Write a file of the tiles, including those of additional object kinds; return the position of each array."""
+    """Write a file of the tiles' arrays, including the tiles of additional object kinds.
+
+    Returns:
+        The tiles' sizes in pixels and, by array, its position and size in bytes in the file, and its data type.
+    """
     tile_atlas = atlas(TILE_PX, "classic", kinds)
     content = b""
     arrays: dict[str, Any] = {}

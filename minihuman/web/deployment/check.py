@@ -133,7 +133,13 @@ class _Server:
 
 
 class _Page:
-    """A simulated page, which presses keys at random and resends unacknowledged messages to any server."""
+    """A simulated page, which presses keys at random and resends unacknowledged messages to any server.
+
+    Args:
+        token: the token of the participant's link.
+        find_host: returns the host and port of the server to connect to next.
+        rng: draws the keys and the times of presses.
+    """
 
     def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
         self.token = token
@@ -204,7 +210,7 @@ class _Page:
                 acknowledged = self._heard
                 await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
             if self._screen and time.monotonic() >= next_press_s:
-                next_press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
+                next_press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())  # 0.6 to 1.4 periods
                 key = "enter"
                 if self._screen == "play":
                     key = self._rng.choice("123")
@@ -270,7 +276,7 @@ class _Page:
         for number in sorted(self._unacknowledged):
             if number > welcome["heard"]:
                 await socket.send(json.dumps(self._unacknowledged[number]))
-        if self._last_ns == 0:
+        if self._last_ns == 0:  # this page has sent no message of the segment yet; a first one begins a new session
             await self._send_numbered(socket, t="tick")
 
 
@@ -317,7 +323,7 @@ def check_deployment(
 
 
 def _make_data_folder(folder: Path, data: Path) -> None:
-    """Make a data folder with the same database and store as an existing one."""
+    """Make a data folder with the same database and store as the existing one ``data``."""
     folder.mkdir()
     for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
         shutil.copyfile(data / file_name, folder / file_name)
@@ -365,6 +371,7 @@ async def _play_study(
 def _count_presses(log: Path) -> Counter[tuple[str, int]]:
     """Count the key presses in a log by key and time in nanoseconds."""
     events = (event for event in read_events(log) if isinstance(event, KeyPressed))
+    # the difference is the time of the press itself, which the page sent as its stamp
     return Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
 
 

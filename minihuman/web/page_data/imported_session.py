@@ -78,6 +78,7 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
 def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> SessionPlan:
     """Plan the session of the allocation slot ``index``, under a protocol that is made from the episodes."""
     protocol = decode_protocol(format_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
+    # 0: nobody had the slot before
     participant = msgspec.structs.replace(
         enrol_participant(protocol, index, None), id=format_participant_code(index, 0)
     )
@@ -85,7 +86,17 @@ def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> Se
 
 
 def _record_session(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
-    """Play verified episodes again as a session and record it; return the path of its log."""
+    """Play verified episodes again as a session and record it.
+
+    Args:
+        episodes: the episodes.
+        plan: the plan of the session.
+        data: the data folder, which contains the study's folder.
+        digest: the digest of the episodes, for the log.
+
+    Returns:
+        The path of the log, as ``run_session`` returns it.
+    """
     clock = VirtualClock()
     facts = {
         "player": "human",
@@ -123,7 +134,7 @@ class RecordedKeys(Window):
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next input, or to ``until_ns``, and return the inputs of that time.
+        """Move the clock to the next input, or to ``until_ns`` if that is earlier, and return the input, if any.
 
         If neither is due, return a press of Enter, which continues after an episode, or the end of an episode that the
         page left unfinished.
@@ -153,7 +164,12 @@ class RecordedKeys(Window):
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
-    """Yield an episode's key presses and releases, and its end if the page was left, in order of time."""
+    """Yield an episode's key presses and releases, and its end if the page was left, in order of time.
+
+    Args:
+        episode: the episode.
+        shown_ns: the session's time at which the episode's first picture was shown.
+    """
     inputs: list[Input] = []
     names = episode.physical_keys
     for key, rt_ms, held_ms in zip(episode.keys, episode.rt_ms, episode.held_ms, strict=True):
@@ -212,10 +228,11 @@ def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
 
 
 def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
-    """Return the table of the protocol's block, whose number begins at 1, for a run of episodes."""
+    """Return a block of the protocol, as a table, for a run of consecutive episodes; ``number``, from 1, names it."""
     first = episodes[0]
     keys = _list_session_keys(episodes)
     with closing(World(first.world, first.options)) as world:
+        # without a limit of the world's own, one that none of the episodes reaches
         max_steps = world.step_limit or max(len(episode.actions) for episode in episodes) + 1
     block: dict[str, Any] = {
         "name": f"episodes-{number}",
@@ -237,7 +254,9 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """Return the action of each key by minihuman's name of the key, without reserved keys that were not pressed.
+    """Return the action of each key by minihuman's name of the key.
+
+    Keys that no session can assign, since they are reserved or have no name, are left out if they were not pressed.
 
     Raises:
         PageDataError: if a pressed key cannot be assigned to an action.

@@ -69,7 +69,7 @@ def _import_file(file: Path, study: Path) -> ImportedFile:
         if log is not None:
             require_same_steps(log, episodes)
     except MinihumanError as error:
-        return ImportedFile(file, None, 0, 0, error)
+        return ImportedFile(file, None, 0, 0, error)  # without a log, episodes and steps
     return ImportedFile(file, log, len(episodes), sum(len(episode.actions) for episode in episodes))
 
 

@@ -117,7 +117,9 @@ def read_page_data(path: Path) -> list[PageEpisode]:
     """Read one session's episodes from a file.
 
     Raises:
-        PageDataError: if the file has no episodes, or one of them is malformed.
+        PageDataError: if the file is too large or not of a known form, or if it has no episodes, a malformed one, or
+            several participants' trials.
+        OSError: if the file cannot be read.
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
@@ -142,7 +144,11 @@ def _read_text(path: Path) -> str:
 
 
 def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
-    """Return the rows of the trials in jsPsych's JSON, or of the episodes in a saved game."""
+    """Return the rows of the trials in jsPsych's JSON, or of the episodes in a saved game.
+
+    Raises:
+        PageDataError: if the text is neither.
+    """
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -326,7 +326,7 @@ class WebServer:
                 await self._run_for(connection, self._supervise_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Await a coroutine for a connection; if its worlds may be slow, start a task, or drop the work if one runs."""
+        """Await a connection's work or, if its worlds may be slow, start it as a task; drop it if a thread is busy."""
         if not connection.has_threads:
             await work
         elif connection.is_busy:
@@ -474,10 +474,10 @@ class WebServer:
                 self._schedule_look_ahead(connection)
                 break
             if now_s > turn_s + MAX_LOOP_BLOCK_S:
-                await asyncio.sleep(0)
+                await asyncio.sleep(0)  # so that messages are handled
                 turn_s = monotonic_s()
         await connection.run(connection.send_prefetched)
-        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # so that they are sent before other connections have their turn
 
 
 async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:

@@ -70,31 +70,35 @@ class StudyEntry:
     problem: str = ""  # why its protocol cannot be read
 
     def sessions(self) -> list[SessionRow]:
-        """Return the study's recorded sessions."""
+        """Return the study's recorded sessions; empty if it has no folder."""
         if self.folder.is_dir():
             return list(read_session_index(self.folder))
         return []
 
     def due(self) -> tuple[DueSession, ...]:
-        """Return the sessions that are expected next, including unfinished ones."""
+        """Return the study's sessions that are expected next, including unfinished ones; empty if it has no folder."""
         if self.folder.is_dir():
             return list_due_sessions(self.folder)
         return ()
 
     def running(self) -> set[str]:
-        """Return the codes of the participants whose sessions are being recorded now."""
+        """Return the codes of the study's participants whose sessions are being recorded now."""
         if not self.folder.is_dir():
             return set()
         parts = self.folder.rglob(f"*{PART_SUFFIX}")
         return {part.name.partition("_")[0] for part in parts if is_being_recorded(part)}
 
     def counts(self) -> Mapping[str, int]:
-        """Count the study's sessions by state."""
+        """Return the number of the study's sessions in each state, by the word that ``describe_state`` returns."""
         running = self.running()
         return Counter(describe_state(row, running) for row in self.sessions())
 
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
         """Return the arguments of the command that a button starts.
+
+        Args:
+            action: the button's name, such as "next".
+            form: the fields of the button's form by name.
 
         Raises:
             KeyError: if there is no such button, or it needs a protocol and the study has none.
@@ -174,7 +178,13 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
 
 
 class CommandProcess:
-    """A running minihuman command; one that records a session outlives this process."""
+    """A minihuman command that this process has started; one that records a session outlives this process.
+
+    Args:
+        words: the command's name and arguments, without the program's name.
+        study: the study that the command is about; None if it is about this machine.
+        output: the file to which the command's output is appended.
+    """
 
     def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
         self.words = words

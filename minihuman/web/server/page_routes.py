@@ -37,7 +37,7 @@ class HeaderMiddleware:
         self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request with the headers; refuse a method or a length of the target that no page of ours sends."""
+        """Answer a request with the headers; answer 400 if its method or the length of its target is not allowed."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -85,7 +85,7 @@ def build_page_routes() -> list[Route]:
 
 
 def _encode_unreachable_texts() -> bytes:
-    """Encode, by language, the texts of a page that could not connect and so has no texts from the server."""
+    """Encode as JSON, by language, the texts of a page that could not connect and so has no texts from the server."""
     texts = {language: page_texts["unreachable"] for language, page_texts in load_page_texts().items()}
     return json.dumps(texts, ensure_ascii=False).encode()
 
@@ -95,7 +95,7 @@ def _route(address: str, path: Path) -> Route:
 
 
 def _serve(address: str, content: bytes, media_type: str) -> Route:
-    """Build a route that answers with the same content every time, compressed for those who accept gzip."""
+    """Build a route that answers with the same content every time, compressed if the request accepts gzip."""
     compressed = gzip.compress(content, mtime=0)
     vary = {"vary": "accept-encoding"}
 
@@ -108,7 +108,10 @@ def _serve(address: str, content: bytes, media_type: str) -> Route:
 
 
 def accepts_gzip(accept_encoding: str) -> bool:
-    """Return whether a request's Accept-Encoding names gzip with a quality above 0 (RFC 9110, 12.5.3)."""
+    """Return whether the value of an Accept-Encoding header accepts gzip (RFC 9110, 12.5.3).
+
+    It does if it names gzip or, without gzip, ``*`` with a quality above 0; "" does not.
+    """
     is_accepted = {}
     for entry in accept_encoding.lower().split(","):
         coding, *parameters = (word.strip() for word in entry.split(";"))

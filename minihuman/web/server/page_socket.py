@@ -50,7 +50,11 @@ class PageSocket(PageTransport):
             raise SocketClosedError from error
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message."""
+        """Send a message, or a batch of messages as bytes.
+
+        Raises:
+            SocketClosedError: if the socket is closed.
+        """
         try:
             if isinstance(message, str):
                 await self._socket.send_text(message)

@@ -66,7 +66,10 @@ _REQUEST = msgspec.json.Decoder(PollRequest)
 
 
 class PollingLine(PageTransport):
-    """A line to a page, made up of the page's requests. Create it inside a running event loop."""
+    """A line to a page: a lasting connection that consists of the page's numbered requests.
+
+    It must be created inside a running event loop.
+    """
 
     name: TransportName = "http"
 
@@ -87,7 +90,11 @@ class PollingLine(PageTransport):
     # The server's side
 
     async def receive(self) -> str:
-        """Receive the next text."""
+        """Receive the next text.
+
+        Raises:
+            SocketClosedError: if the line has ended, and all texts that arrived before were received.
+        """
         while not self._texts:
             if self._end is not None:
                 raise SocketClosedError
@@ -97,7 +104,11 @@ class PollingLine(PageTransport):
         return text
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message, after waiting for the page to fetch earlier ones if too many are queued."""
+        """Send a message or a batch, after waiting for the page to fetch earlier ones if too many bytes are queued.
+
+        Raises:
+            SocketClosedError: if the line has ended.
+        """
         batch = message
         if isinstance(batch, str):
             batch = encode_part(batch)
@@ -192,7 +203,11 @@ class PollingLine(PageTransport):
         self.end(LineEnd(_BROKEN))
 
     def _take_batches(self) -> bytes:
-        """Return and discard the batches that were not fetched; if there are none, raise an error on an ended line."""
+        """Return, joined, and discard the batches that were not fetched; b"" if there are none.
+
+        Raises:
+            LineEndedError: if there are none, and the line has ended.
+        """
         if not self._batches:
             self._require_open()
         answer = b"".join(self._batches)

@@ -75,7 +75,7 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
 
 
 def _require_handles(max_sessions: int) -> None:
-    """Raise this process's limit of open files to what a server of so many sessions needs.
+    """Raise this process's limit of open files to what a server of ``max_sessions`` concurrent sessions needs.
 
     Raises:
         ServeError: if the system allows too few.
@@ -196,10 +196,10 @@ def list_process_commands(
     host: str = HOST,
     options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the arguments of each process that runs besides the first worker: the dashboard and the further workers.
+    """Yield the arguments of each process that runs in addition to the first worker: dashboard and further workers.
 
-    The workers' ports are consecutive, and ``port`` is that of the first worker. ``options`` are further options of
-    each worker. With ``watch``, the dashboard is included, and the study's folder is created if necessary.
+    The ``workers`` include the first one, whose port is ``port``; the ports of the others follow it. They listen at
+    ``host`` and get ``options``. If ``watch``, there is a dashboard, and the study's folder is created if necessary.
 
     Raises:
         LogError: if there are several workers and ``port`` is 0.

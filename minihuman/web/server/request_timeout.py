@@ -54,7 +54,7 @@ class TimedHttpProtocol(H11Protocol):
         super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Cancel the time limit."""
+        """Forget the connection, and cancel its time limit."""
         self._open.pop(self, None)
         if self._deadline is not None:
             self._deadline.cancel()

@@ -112,7 +112,7 @@ class ScreenNode:
 
 
 class EndingWorld:
-    """A world whose next step ends the episode in a given way; everything else is delegated to another world."""
+    """Wraps a world: a step has a given reward, and terminates the episode or, if not ``terminated``, truncates it."""
 
     def __init__(self, world: Any, *, reward: float, terminated: bool) -> None:
         self._world = world
@@ -237,7 +237,7 @@ class ScreenGraph:
         return len(self.nodes) - 1
 
     def _count_node(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Count a new node in its group; raise SiteError if the group or the graph has too many nodes."""
+        """Count a new node in its group or part; raise SiteError if the group, the part or the graph is too large."""
         group = node.group
         if session.part.history:
             group = f"part {session.part.number}"
@@ -252,7 +252,7 @@ class ScreenGraph:
             raise SiteError(f"the session has more than {MAX_NODES} screens; serve the study with: minihuman serve")
 
     def _find_template(self, session: SessionMachine, outcome: str) -> str:
-        """Return the text of the present feedback, with only the fields of the episode not filled in.
+        """Return the text of the present feedback, in which only the episode's steps and reward are not filled in.
 
         Returns:
             The text; "" if the screen is no feedback, or its text has no such fields.
@@ -280,7 +280,10 @@ class ScreenGraph:
     # Edges
 
     def _explore(self, number: int, session: SessionMachine, outcome: str) -> None:
-        """Add to a node the nodes to which inputs, time and the ends of an episode or a run lead."""
+        """Add to the node ``number`` the nodes to which inputs, time and the ends of an episode or a run lead.
+
+        ``outcome`` is that of ``_visit``.
+        """
         node = self.nodes[number]
         if session.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
             return
@@ -313,7 +316,10 @@ class ScreenGraph:
         name: str,
         make_input: Callable[[int], Input],
     ) -> None:
-        """Add the edge of an input to a node, unless the input leads back to the node."""
+        """Add to the node ``number`` the edge of an input, unless the input leads back to the node.
+
+        ``outcome`` is that of ``_visit``; ``name`` and ``make_input`` are an input's as ``list_inputs`` yields them.
+        """
         copied = self._copy(session, shown=True)
         events = copied.receive(make_input(copied.now_ns + _LOOK_NS))
         target = self._visit(copied, outcome)
@@ -356,7 +362,7 @@ class ScreenGraph:
             node.due_ns = due_ns - session.now_ns
             node.due_from = "entered"
         copied.receive(Tick(max(due_ns, copied.now_ns)))
-        node.edges["tick"] = (self._visit(copied, outcome), True, False)
+        node.edges["tick"] = (self._visit(copied, outcome), True, False)  # even before it is shown; without consent
 
     def _add_overlays(self, node: ScreenNode, session: SessionMachine) -> None:
         """Add to a node the nodes of the screens that cover it when the focus is lost, or F8 or Escape is pressed."""
@@ -418,7 +424,7 @@ class ScreenGraph:
 
 
 def _fill_fields(text: str, field_texts: dict[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield a format string's literal parts, each with the field after it, whose text is filled in if it is given.
+    """Yield a format string's literal parts, each with the field after it or ""; fill in fields that have a text.
 
     Braces are doubled, so that the joined parts are a format string again.
     """

@@ -48,7 +48,7 @@ def _list_answers(widget: object) -> list[str]:
             n_options = len(points)
         case RatingMatrix(rows=rows, points=points):
             n_options = len(rows) * len(points)
-    digits = range(1, min(9, n_options) + 1)
+    digits = range(1, min(9, n_options) + 1)  # only the first nine options have a key
     names += [f"key:{digit}" for digit in digits]
     names += [f"key:kp_{digit}" for digit in digits]
     names += [f"point:option:{number}" for number in range(n_options)]
@@ -59,5 +59,5 @@ def build_input_maker(name: str) -> Callable[[int], Input]:
     """Return a function that makes the input with a name, such as "key:enter" or "point:go_on", at a time in ns."""
     kind, _, target = name.partition(":")
     if kind == "point":
-        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)
+        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)  # in the middle of the picture and the target
     return lambda t_ns: KeyDown(t_ns, target, target)

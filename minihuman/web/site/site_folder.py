@@ -59,7 +59,7 @@ class SiteSummary:
     slots: int
     screens: int  # of the first slot
     size_bytes: int
-    build: str
+    build: str  # as ``digest_build`` returns it
 
 
 def digest_build(protocol: Protocol) -> str:
@@ -99,7 +99,7 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
         slots: the number of allocation slots; 0 for the study's.
 
     Raises:
-        SiteError: if a part of the protocol needs a server, or the collector is unknown.
+        SiteError: if a part of the protocol needs a server, the collector is unknown, or the study has fewer slots.
     """
     require_collector(collector)
     count = slots or protocol.study.participants
@@ -209,7 +209,7 @@ class SlotScript:
         session = build_session(
             self._plan, PageWorld, collect_machine_facts(), picture_px=self._settings.picture_px, renders_steps=False
         )
-        session.receive(Tick(1))
+        session.receive(Tick(1))  # begins the session, as the first message of a served page does
         self.graph = ScreenGraph(session, self._images.number, self._describe_episode)
         self._pictures = self._images.take_new()
         self.graph.close()
