@@ -173,9 +173,10 @@ def _count_missing_pictures(episode: EpisodeLog) -> int:
 
 
 def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Count the step periods from each real-time step to the next; pairs of steps around a pause are omitted.
+    """Count the step periods from each real-time step to the next; 1 means that no period was without a step.
 
-    The array is empty if the episode has steps only when a key is pressed.
+    Pairs of steps around one of the ``pauses``, given by begin and end in ns of session time, are omitted. The array is
+    empty if the episode has steps only when a key is pressed.
     """
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)

@@ -66,7 +66,7 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """Build the data dictionary without some columns: by table and column, the column's type, unit and meaning."""
+    """Return the data dictionary: by table and column, type, unit and meaning. Columns in ``without`` are omitted."""
     descriptions = {}
     for table, columns in TABLES.items():
         described_columns = [column for column in columns if column.name not in without]

@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
 
 def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
-    """Return a figure's title with the block, if any, and the measure, in lines of at most ``width`` characters."""
+    """Return a figure's title, in lines of at most ``width`` characters: the measure, after the block if it is given."""
     title = measure[:1].upper() + measure[1:]
     if block:
         title = f"Block {block}: {measure}"

@@ -97,7 +97,7 @@ def _list_practice(protocol: Protocol, groups: Sequence[str]) -> frozenset[tuple
 
 
 def is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    """Return whether each row belongs to a practice block."""
+    """Return whether each row belongs to a practice block; ``practice`` has the group and name of each such block."""
     if not practice:
         return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])

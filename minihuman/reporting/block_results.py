@@ -139,7 +139,7 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
 def compare_reward_parts(
     episodes: pd.DataFrame, order: Sequence[str], unit_names: Mapping[str, str]
 ) -> tuple[TwoPartComparison, ...]:
-    """Compare each pair of groups on both parts of the reward; return nothing if no episode has a reward of 0."""
+    """Compare each pair of groups on both parts of the reward; () unless some rewards are 0, some above, none below."""
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair, unit_names) for pair in combinations(order, 2))
@@ -487,7 +487,7 @@ def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
 
 
 def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
-    """Sort rows by group, keeping their order within each group."""
+    """Return rows sorted by group as in ``order``, keeping the order of rows within each group."""
     ranks = {group: rank for rank, group in enumerate(order)}
     return rows.sort_values("group", key=lambda groups: groups.map(ranks), kind="stable").reset_index(drop=True)
 

@@ -76,7 +76,10 @@ class PressTimes:
 
 
 def read_key_times(log: SessionLog) -> PressTimes:
-    """Read the key times of a session, from the episodes that a person played."""
+    """Read the key times of a session, from the episodes in which a key was pressed.
+
+    Without such an episode, the arrays are empty and the overlap is NaN.
+    """
     parts = [part for part in map(_read_episode_times, log.episodes) if part is not None]
     if not parts:
         return PressTimes(np.empty(0), np.empty(0, bool), np.empty(0), np.empty(0), np.nan)
@@ -181,15 +184,16 @@ def place_in_bin(name: str, value: float) -> int:
 def weigh_measures(
     measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
 ) -> tuple[float, dict[str, float]]:
-    """Compute log10 of the likelihood ratio of a person against a program, and each measure's contribution to it.
+    """Return log10 of the likelihood ratio of a person against a program, and each measure's contribution to it.
 
-    A measure's contribution compares the best-fitting kind of person with the best-fitting kind of program.
+    A measure's contribution compares the best-fitting kind of person with the best-fitting kind of program. Measures
+    that are NaN have none.
 
     Args:
         measured: the measures returned by `measure_key_times`.
         model: ``people`` and ``programs``, each a list of kinds with a ``weight`` and, by measure, the ``log10`` of
             each bin's probability; ``slope`` and ``intercept`` of the logistic regression.
-        bound: the largest log10 of a ratio that is reported in either direction.
+        bound: the largest absolute value of the returned log10; a larger one is clipped.
     """
     bins = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
     people_likelihood, best_person = _fit_kinds(model["people"], bins)

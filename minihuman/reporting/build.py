@@ -195,7 +195,11 @@ def _add_interaction(
 def _compute_interaction(
     report_input: _ReportInput, analysed: tuple[pd.DataFrame, pd.DataFrame], results: Results
 ) -> tuple[InteractionResults | None, str]:
-    """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
+    """Return the interaction of groups and conditions, and the block whose comparison answers the question.
+
+    The interaction is None unless the design is mixed, and the block is "" for none. ``analysed`` is the episodes and
+    blocks without practice.
+    """
     episodes, blocks = (rows[rows["exclusion_reason"].isna()] for rows in analysed)
     analysis = report_input.analysis
     design = report_input.design

@@ -24,7 +24,7 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
 
 
 def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
-    """Return the exclusion reason of each participant's first session; "" if any of the sessions is included."""
+    """Return, by participant, the exclusion reason of the first session; "" if any of the sessions is included."""
     reasons: dict[str, str] = {}
     for row in to_records(participants):
         code = str(row["participant"])

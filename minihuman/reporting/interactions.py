@@ -168,7 +168,16 @@ def _compare_contrasts(
     *,
     intervals: bool,
 ) -> tuple[ContrastComparison, ...]:
-    """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm).
+
+    Args:
+        tables: by measure, a row per group and participant and a column per condition, without missing values.
+        contrasts: the contrasts between conditions.
+        groups: the groups, in order.
+        roles: the role of each measure.
+        logs: the measures that are logarithms.
+        intervals: whether to compute intervals, which take most of the time.
+    """
     corrected: list[ContrastComparison] = []
     for role in get_args(Role):
         names = []
@@ -224,7 +233,7 @@ def _test_omnibus(
 
 
 def state_interaction(interaction: InteractionResults) -> Iterator[str]:
-    """Yield sentences on whether the difference between conditions depends on the group, for the primary measure."""
+    """Yield sentences on whether the difference between conditions depends on the group, for ``interaction.measure``."""
     name = phrase_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)

@@ -198,7 +198,7 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
     """State how many sessions were simulated; "" if none was.
 
-    "on record" is added if participants withdrew, because it is unknown whether erased sessions were simulated.
+    If all were, "on record" is added where participants withdrew: erased sessions may not have been simulated.
     """
     if not simulated:
         return ""
@@ -456,7 +456,7 @@ def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str
 
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
-    """State which blocks the page stepped and drew itself; "" if there were none."""
+    """State which blocks were computed and drawn by the web page's kernels, ahead of the server; "" if none were."""
     sessions_with_kernels = {
         (quality.participant, quality.session)
         for quality in qualities

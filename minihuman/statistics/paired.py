@@ -82,7 +82,7 @@ def paired_test(differences: Values) -> PairedTest | None:
 
 @lru_cache(maxsize=8)
 def _draw_signs(n: int, resamples: int) -> Values:
-    """Return rows of n signs (1 or -1): every combination if there are few, else random ones."""
+    """Return rows of n signs (1 or -1): every combination if there are few, else ``resamples`` random ones."""
     if n <= _EXHAUSTIVE:
         return np.array(list(product((1.0, -1.0), repeat=n)))
     return np.random.default_rng(SEED).choice([1.0, -1.0], (resamples, n))
@@ -157,7 +157,16 @@ def compare_conditions(
 def _compare_sides(
     table: pd.DataFrame, weights: Mapping[str, float], measure: str, names: tuple[str, str], *, is_log: bool
 ) -> PairedComparison | None:
-    """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants."""
+    """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants.
+
+    Args:
+        table: a row per participant and a column per condition; participants who lack a value in one of those that have
+            a weight are omitted
+        weights: by condition, the weights, which sum to 0
+        measure: the measure's name
+        names: the ``first`` and ``second`` of the result
+        is_log: whether the values are natural logarithms, so that the means are reported as geometric means
+    """
     complete = table.reindex(columns=list(weights)).dropna().to_numpy(float)  # a condition may be in no trial
     weight = np.array(list(weights.values()))
     sides = (complete @ np.maximum(weight, 0.0), complete @ np.maximum(-weight, 0.0))
@@ -186,9 +195,9 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     """Test the effects of position and carry-over in a crossover design.
 
     Each effect is tested given the other and the conditions, with participants as fixed effects. Carry-over is of first
-    order: the effect of the condition just before (Jones and Kenward, 2014). An effect that the design confounds with
-    the others is left out. p permutes the orders between participants, so it needs neither equal variances nor normal
-    values: participants' residuals without the effect are exchanged whole (Freedman and Lane, 1983).
+    order: the effect of the condition just before (Jones and Kenward, 2014). p permutes orders between participants, so
+    it needs no equal variances or normal values: residuals without the effect are exchanged whole (Freedman and Lane,
+    1983). Effects that the design confounds with others are omitted, and all are if data or orders are too few.
 
     Args:
         measure: the measure's name

@@ -256,6 +256,7 @@ def two_parts_p(a: Values, b: Values) -> float:
 def _find_lower_limit(together: Values, n: int, observed: float) -> float:
     """Return the lower limit of p for groups that are small and of unequal size; 0 for other groups.
 
+    ``together`` holds the summaries of both groups, of shape (people, 2); the first ``n`` are of the first group.
     The limit is the share of sums of two squared random numbers from Student's t, with the degrees of freedom of each
     part, that reach the observed sum.
     """
@@ -276,7 +277,10 @@ def _find_lower_limit(together: Values, n: int, observed: float) -> float:
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
-    """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge."""
+    """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge.
+
+    ``together`` holds the summaries of both groups, of shape (people, 2); the first ``n`` are of the first group.
+    """
     is_present = ~np.isnan(together)
     filled = np.where(is_present, together - np.nanmean(together, axis=0), 0.0)
     columns = np.concatenate([is_present, filled, filled**2], axis=1)
