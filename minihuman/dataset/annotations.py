@@ -61,7 +61,7 @@ def read_annotations(log: Path) -> tuple[Annotation, ...]:
     """Read a log's annotations, the oldest first; an empty tuple if the log has none.
 
     Raises:
-        LogError: if a line is not a valid annotation.
+        LogError: if a line is not a valid annotation, or if a folder does not hold the logs of exactly one session.
     """
     path = annotations_path(log)
     if not path.exists():

@@ -182,7 +182,10 @@ def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64],
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
-    """Return the steps beyond ``best``, those of the best known path to the goal; None if it is None or not success."""
+    """Return ``steps`` minus ``best``, the steps of the best known path to the goal.
+
+    Return None if the goal was missed, which ``success`` says, or if ``best`` is None because no path is known.
+    """
     if success and best is not None:
         return float(steps - best)
     return None
@@ -223,8 +226,8 @@ def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
     """Return success weighted by path length, in steps (Anderson et al., 2018).
 
-    The value is best / steps if the goal was reached, else 0. It is None for an episode that was broken off, or for
-    which no path is known.
+    The value is best / steps if the goal was reached, else 0; ``best`` is the steps of the best known path. It is None
+    for an episode that was broken off, or if no path is known.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None

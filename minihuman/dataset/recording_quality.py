@@ -158,7 +158,10 @@ def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """List the times in milliseconds from each step's key to the first flip of its picture, over all episodes."""
+    """List the times in milliseconds from a step's key to the first flip of its picture, over all episodes.
+
+    Steps without a key or without a shown picture are omitted.
+    """
     return _concatenate(_key_to_flip_ms(episode) for episode in log.episodes)
 
 

@@ -144,7 +144,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
 
 
 def find_exclusion_reason(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
-    """Return the reason of the first rule of a level that the level's row of measures breaks; "" if it breaks none."""
+    """Return the reason of the first rule of a level that a row of its measures breaks; "" if it breaks none."""
     for rule in rules:
         if rule.exclusion.level == level and rule.broken_by(row):
             return rule.exclusion.reason
@@ -208,7 +208,7 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Return whether the session is included: it has an included episode, or its plan has no episodes at all."""
+        """Return whether the session has an included episode or, if its plan has none, is selected and not excluded."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 

@@ -97,7 +97,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def sessions(self) -> tuple["CachedSession", ...]:
         """Return the cached description of every log, in order of path.
 
-        Logs that are not selected or not readable have a shorter description.
+        Of logs that are not selected or not readable, ``outline`` and ``quality`` are None.
         """
         return self.store.cached_sessions
 
@@ -174,7 +174,8 @@ class Tables(AbstractContextManager["Tables", None]):
         """Run SQL on the tables and return the result.
 
         Raises:
-            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
+            QueryError: if the text is not a valid SELECT statement, refers to something that does not exist, or uses a
+                file.
         """
         from minihuman.dataset.table_queries import mentions_person_table
 
@@ -211,7 +212,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def write_partitions(self, folder: Path) -> Iterator[tuple["TablePartition", Path]]:
         """Write the tables below a folder, one Parquet file per table and session.
 
-        Yield each file when it is complete.
+        Yield each partition, with the path of its file, when the file is complete.
         """
         from minihuman.dataset.table_files import list_partitions, write_partitions
 

@@ -113,8 +113,8 @@ def draw_differences(
 ) -> Axes:
     """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero.
 
-    If ``are_ratios`` is true, the differences are of natural logarithms, and the axis shows them as ratios. The axis has
-    the label ``level``. Return ``ax``.
+    If ``are_ratios`` is true, the differences are of natural logarithms, and the axis shows them as ratios. The label
+    of the axis is ``level``. Return ``ax``.
     """
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):

@@ -44,7 +44,7 @@ _OTHER = "h"
 
 
 def get_marker(thing: Thing) -> str:
-    """Return Matplotlib's marker for an object, by the last known word of its name ("door" in "door locked")."""
+    """Return Matplotlib's marker for an object, by the last known word of its name ("door" in "door locked") or "h"."""
     words = thing.name.replace("_", " ").lower().split()
     return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
 

@@ -63,7 +63,7 @@ class BlockSurvival:
 
 
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
-    """Collect survival times from a block's rows of the block table and its episodes.
+    """Collect survival times by group, in ``order``, from a block's rows of the block table and its episodes.
 
     Times to the goal are collected from included episodes only.
 
@@ -89,7 +89,7 @@ def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order
 
 
 def _collect_goal_times(episodes: pd.DataFrame, order: Sequence[str]) -> dict[str, SurvivalTimes]:
-    """Return the steps until the goal by group, one per episode; nothing if the block has no goal to reach."""
+    """Return the steps until the goal by group, one per episode; {} if the block has no goal to reach."""
     if lacks_goal(episodes):
         return {}
     goal: dict[str, SurvivalTimes] = {}
@@ -139,7 +139,10 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
 def compare_reward_parts(
     episodes: pd.DataFrame, order: Sequence[str], unit_names: Mapping[str, str]
 ) -> tuple[TwoPartComparison, ...]:
-    """Compare each pair of groups on both parts of the reward; () unless some rewards are 0, some above, none below."""
+    """Compare each pair of groups on both parts of the reward; () unless some rewards are 0, some above, none below.
+
+    ``unit_names`` has, by group, the plural noun for its units if they are not participants alone.
+    """
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair, unit_names) for pair in combinations(order, 2))
@@ -214,7 +217,7 @@ class BlockResults:
 
 
 def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
-    """Return the plural noun for the units of each group that has teams; groups without teams are left out."""
+    """Return the plural noun for the units of each group that has teams; groups without teams are omitted."""
     names: dict[str, str] = {}
     for group, codes in rows.groupby("group")["participant"]:
         is_team = codes.isin(teams)
@@ -297,10 +300,7 @@ def list_named_measures(analysis: AnalysisSpec) -> list[str]:
 
 
 def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> dict[str, str]:
-    """Return the measures that are not compared because they omit failures, with the reason.
-
-    Named measures are kept.
-    """
+    """Return the measures that are not compared because they omit failures, with the reason; none that is named."""
     late = int(episodes["success"].eq(False).sum())
     named_measures = list_named_measures(analysis)
     return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named_measures}
@@ -493,7 +493,7 @@ def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
 
 
 def _describe_measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
-    """Return the number of values, mean and standard deviation of each measure, grouped by the columns in ``by``."""
+    """Return the columns measure, those in ``by``, n, mean and sd: a row per measure and group of rows."""
     long = rows.melt(by, names, var_name="measure")
     table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
     ranks = {name: rank for rank, name in enumerate(dict.fromkeys([*MEASURES, *names]))}

@@ -63,9 +63,9 @@ class PressTimes:
     Attributes:
         intervals_ms: the times in milliseconds from each press to the next in its episode, an array of shape (n,).
         same: whether the next press is of the same key, an array of shape (n,).
-        firsts_ms: per episode, the time in milliseconds from its first picture to its first press.
+        firsts_ms: per episode, the time in milliseconds from its reset to its first press.
         holds_ms: the times in milliseconds for which keys were held, for presses with a release.
-        overlap: the share of presses before the previous key was released.
+        overlap: the share of presses, without each episode's first, that came before the previous key was released.
     """
 
     intervals_ms: Array
@@ -176,7 +176,7 @@ def _compare_medians(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """Return the index of a measure's histogram bin that contains a value."""
+    """Return the index of a measure's histogram bin for a value, which is the outermost one if no bin contains it."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -296,7 +296,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
 
 
 def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
-    """Yield facts that flag a session on their own: scripted keys, keys without focus, and pasted answers."""
+    """Yield facts each of which flags a session: scripted keys, keys without focus; with ``typing``, pasted answers."""
     scripted = sum(
         isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
         for note in log.notes

@@ -331,7 +331,7 @@ def _name_only_pair(block: BlockResults) -> str:
 
 
 def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
-    """Return the comparisons that have a note of the given kind, each with the note."""
+    """Return, for each comparison with a note of the given kind, its ``measure`` and, as ``why``, groups and note."""
     return [
         {
             "measure": label_measure(comparison.measure),

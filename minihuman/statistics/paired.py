@@ -129,7 +129,7 @@ def compare_conditions(
 ) -> tuple[PairedComparison, ...]:
     """Compare conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
 
-    Without contrasts, each pair of conditions is compared.
+    Without contrasts, each pair of conditions is compared. A comparison of fewer than two participants is omitted.
 
     Args:
         values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
@@ -232,7 +232,10 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
 
 
 def _describe_term(measure: str, effect: str, ratios: Values, freedom: tuple[int, int]) -> CrossoverTerm:
-    """Return the test of an effect from the observed ratio of sums of squares, followed by the permuted ones."""
+    """Return the test of an effect; ``ratios`` are those of ``_compute_ratios``, the first of which is observed.
+
+    ``freedom`` holds the degrees of freedom of the effect and the residual ones.
+    """
     observed = float(ratios[0])
     variance = estimate_explained_variance(observed, find_critical_statistic(ratios[1:]), freedom, sum(freedom) + 1)
     p = float(np.mean(ratios >= observed * (1 - _TIES)))
@@ -248,7 +251,10 @@ def _has_enough_orders(rows: pd.DataFrame) -> bool:
 
 
 def _centre_people(columns: Values, people: int) -> Values:
-    """Subtract each participant's mean from columns whose rows are sorted by participant."""
+    """Subtract each participant's mean from columns whose rows are sorted by participant.
+
+    Each of the ``people`` participants has the same number of rows.
+    """
     by_person = columns.reshape(people, -1, columns.shape[1])
     centred: Values = (by_person - by_person.mean(axis=1, keepdims=True)).reshape(columns.shape)
     return centred

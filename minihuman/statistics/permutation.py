@@ -273,6 +273,7 @@ def _test_same_size_pairs(pairs: Sequence[tuple[Values, Values]]) -> Iterator[Pe
     m = len(pairs[0][1])
     deviations = np.array([np.concatenate([a - a.mean(), b - b.mean()]) for a, b in pairs])
     is_first = np.arange(n + m) < n
+    # per participant: the deviations of all pairs, their squares, those of the first group, and the membership in it
     columns = np.concatenate([deviations, deviations**2, deviations * is_first, is_first[None]]).T
     totals = draw_totals(columns, n)
     count = len(pairs)
