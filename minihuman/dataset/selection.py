@@ -384,7 +384,7 @@ class Selection:
     ) -> tuple[list[str], str]:
         """Return the reason to exclude each episode, and this session's reason to exclude its participant.
 
-        A reason is "" if there is none. ``measured`` is None without rules; ``episode_tags`` holds the tags in force.
+        A reason is "" if there is none. ``measured`` may be None without rules; ``episode_tags`` are those in force.
         """
         reasons = [
             self._find_episode_reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
@@ -408,7 +408,7 @@ class Selection:
     def _find_participant_reason(self, log: SessionLog, own_reason: str) -> str:
         """Return the reason to exclude the participant, from their first session that breaks a rule; "" if none does.
 
-        ``own_reason`` is this session's. The participant's other sessions are read, too: one can exclude all of them.
+        ``own_reason`` is this session's. Other sessions are read, too: any can exclude the participant from all.
         """
         judgements = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
         other_reasons = [judgement for judgement in judgements if not isinstance(judgement, SkippedLog)]

@@ -223,7 +223,7 @@ def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
     """Return a figure of players' success, normalised score, relative efficiency, and success by episode of a block.
 
     The last panel is omitted if no player has several episodes in a block. A dashed line marks the score of 1 that the
-    reference player, whose name is ``reference``, has by definition.
+    reference player has by definition; ``reference`` describes this player in words.
     """
     width_ratios = [1.0, 1.0, 1.0]
     has_curves = any(len(shares) > 1 for _, _, shares in bars)

@@ -141,7 +141,7 @@ def compare_reward_parts(
 ) -> tuple[TwoPartComparison, ...]:
     """Compare each pair of groups on both parts of the reward; () unless some rewards are 0, some above, none below.
 
-    ``unit_names`` has, by group, the plural noun for its units if they are not participants alone.
+    Return () also if no success is known. ``unit_names`` has, by group, the noun for units other than participants.
     """
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()

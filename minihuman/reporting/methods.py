@@ -454,7 +454,7 @@ def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[Recordi
 
 
 def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str]:
-    """Return the distinct values, sorted, that the sessions' logs record under a key of ``_SOFTWARE`` or similar."""
+    """Return the distinct values, sorted, that the sessions' logs record under a key of their software, as "python"."""
     recorded = sorted({run[name] for quality in qualities for run in quality.software if name in run})
     if name != "git_commit":
         return recorded

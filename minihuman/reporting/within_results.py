@@ -35,7 +35,7 @@ class WithinResults:
 
     @property
     def measure(self) -> str:
-        """Return the primary measure, or the first measure that has values."""
+        """Return the primary measure, or the first measure that has values; "" if there is none."""
         return _find_main_measure(self.roles)
 
     @property
