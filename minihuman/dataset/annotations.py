@@ -132,7 +132,8 @@ def split_annotations(
 ) -> tuple[tuple[Annotation, ...], tuple[Annotation, ...]]:
     """Split annotations into those that apply to the session or its episodes, and those of episodes that do not exist.
 
-    The latter can occur in a file that was edited by hand. They have no effect, and ``verify`` names them.
+    Annotations of missing episodes can occur in a file that was edited by hand. They have no effect, and ``verify``
+    names them.
     """
     numbers = {plan.episode + 1 for plan in log.plan.episodes}
     usable: list[Annotation] = []

@@ -258,7 +258,7 @@ def map_logs(
 ) -> Iterator[T | SkippedLog]:
     """Yield the result of ``work`` for each session in turn, in the manner of ``map_paths``.
 
-    A session for which ``work`` raises LogError or ProtocolError is yielded as skipped.
+    If a log cannot be read, or ``work`` raises LogError or ProtocolError, a `SkippedLog` is yielded in its place.
     """
     return map_paths(paths, partial(_read_and_work, work=work), processes=processes, engine=engine)
 
@@ -280,7 +280,7 @@ def map_paths(
         work: the function to call with each path; it and its results must be picklable.
         processes: the largest number of processes; by default the number of processors.
         engine: "local" for processes of this machine, or "ray" for a Ray cluster.
-        per_process: the number of logs for which one further process is started.
+        per_process: the number of logs per process; one further process is started for each such number.
 
     Raises:
         LogError: if the engine is neither "local" nor "ray".

@@ -328,7 +328,7 @@ def _compare_growth(episodes: pd.DataFrame, order: Sequence[str]) -> GrowthCompa
 
 
 def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
-    """Yield the reliability of each measure for which episodes have values; times are analysed on a log scale."""
+    """Yield the reliability of each measure that episodes have; times are analysed on a log scale."""
     episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
     for name in measures:
         column = name.removesuffix("_mean")

@@ -64,7 +64,7 @@ class PressTimes:
         intervals_ms: the times in milliseconds from each press to the next in its episode, an array of shape (n,).
         same: whether the next press is of the same key, an array of shape (n,).
         firsts_ms: per episode, the time in milliseconds from its reset to its first press.
-        holds_ms: the times in milliseconds for which keys were held, for presses with a release.
+        holds_ms: how long keys were held, in milliseconds, one time per press with a release.
         overlap: the share of presses, without each episode's first, that came before the previous key was released.
     """
 
@@ -339,8 +339,8 @@ def _count_keys_without_focus(log: SessionLog) -> int:
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     """Find the sessions that share a run of key times with another session, as replayed logs do.
 
-    ``times`` has the key times of each session. Return, by the index of such a session, the index of the session with
-    which it shares a run, or of one of them if there are several.
+    ``times`` has the key times of each session. Return, by the index of each session found, the index of a session that
+    shares a run with it.
     """
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]

@@ -114,7 +114,7 @@ def build_scorecard(
     Args:
         studies: the studies' folders.
         reference: the player whose score is 1; by default people or, if there are none, the players most like them.
-        selection: the rule for which episodes are included.
+        selection: the rule that decides which episodes are included; None for the default selection.
         seed: the random seed of the bootstrap.
         draws: the number of bootstrap draws.
 

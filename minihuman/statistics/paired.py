@@ -365,7 +365,7 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
 def _fit_lines(rows: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
     """Return by group the level in the middle of the block and the slope of each participant's line.
 
-    Participants with fewer than ``MIN_EPISODES`` different episodes are left out. No value of the measure is missing.
+    Participants with fewer than ``MIN_EPISODES`` different episodes are omitted. No value in ``rows`` may be missing.
     """
     middle = rows["episode_in_block"].mean()
     centred = rows.assign(at=rows["episode_in_block"] - middle, value=rows[measure])
