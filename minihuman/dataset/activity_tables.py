@@ -54,7 +54,8 @@ def list_activity_tables() -> tuple[ActivityTable, ...]:
     """List the tables of every installed activity kind, in the order of the kinds' names.
 
     Raises:
-        QueryError: if two tables share a name, or a name is not a valid SQL identifier.
+        QueryError: if two tables share a name, or if a name is that of a table that every session has, or is not made
+            of lower-case letters, digits and underscores.
     """
     built_in = list_built_in_kinds()
     plugin_kinds = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
@@ -104,9 +105,9 @@ def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
 
 
 def list_table_sources() -> tuple[Path, ...]:
-    """List the source files of the activity kinds and plug-in columns that build table rows.
+    """List the source files of the functions by which activity kinds and plug-in columns build table rows.
 
-    A cache that was filled by another version of these files is stale.
+    A table cache is stale if it was filled by another version of these files.
     """
     modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
     for table in list_activity_tables():

@@ -61,7 +61,7 @@ def read_annotations(log: Path) -> tuple[Annotation, ...]:
     """Read a log's annotations, the oldest first; an empty tuple if the log has none.
 
     Raises:
-        LogError: if a line is not a valid annotation.
+        LogError: if a line is not a valid annotation, or if a folder does not hold the logs of exactly one session.
     """
     path = annotations_path(log)
     if not path.exists():
@@ -79,7 +79,7 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
 
 
 def open_annotations(path: Path) -> FileJournal[Annotation]:
-    """Open an annotation file as a journal."""
+    """Return an annotation file as a journal of annotations; reading it raises LogError if a line is damaged."""
     return FileJournal(path, partial(_decode_annotation, path), chained=True)
 
 
@@ -98,8 +98,8 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
     """Append an annotation to the file beside the log and return the file's path.
 
     Raises:
-        LogError: if the tag is not a single word, if it resembles a built-in tag, or if the session has no such
-            episode.
+        LogError: if the tag is not a single word of a to z, digits, "-" and "_"; if it resembles a built-in tag and
+            the annotation revokes nothing; or if the session has no such episode.
     """
     if not _TAG.fullmatch(mark.tag):
         raise LogError(
@@ -132,7 +132,8 @@ def split_annotations(
 ) -> tuple[tuple[Annotation, ...], tuple[Annotation, ...]]:
     """Split annotations into those that apply to the session or its episodes, and those of episodes that do not exist.
 
-    The latter can occur in a file that was edited by hand. They have no effect, and ``verify`` names them.
+    Annotations of missing episodes can occur in a file that was edited by hand. They have no effect, and ``verify``
+    names them.
     """
     numbers = {plan.episode + 1 for plan in log.plan.episodes}
     usable: list[Annotation] = []
@@ -167,5 +168,8 @@ def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]
 
 
 def list_episode_tags(episode: EpisodeLog, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
-    """Return the tags in force for one episode, including those of the whole session."""
+    """Return the tags in force for one episode, including those of the whole session.
+
+    ``in_force`` holds the session's tags by episode number, as ``collect_tags`` returns them.
+    """
     return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())

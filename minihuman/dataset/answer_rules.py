@@ -33,8 +33,8 @@ def is_outside(number: float, rule: ExclusionSpec) -> bool:
 def list_compared_answers(log: SessionLog, measures: Collection[str]) -> dict[str, list[Any]]:
     """Return the answers of a session that exclusion rules compare, by measure.
 
-    A measure has one answer per part of the session that asked the question. If the same part was answered several
-    times, the last answer replaces the earlier ones.
+    A measure has one answer per part of the session that asked the question, or an empty list if no part has one. If
+    the same part was answered several times, the last answer replaces the earlier ones.
 
     Args:
         log: the session's log.

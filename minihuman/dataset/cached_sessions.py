@@ -141,9 +141,9 @@ def _fingerprint_log(first_file: str, cached: str, participant_fingerprints: dic
 
 
 def _describe_files(folder: str, prefix: str, cached: str) -> str:
-    """Describe the folder's files whose names begin with ``prefix``, one line per file.
+    """Describe the folder's files whose names begin with ``prefix``, with a line of ``describe_file`` for each.
 
-    ``cached`` holds earlier descriptions, from which digests of unchanged files are taken.
+    ``cached`` holds earlier lines, from which the digests of unchanged files are taken; "" if there are none.
     """
     folder_name = os.path.basename(folder)
     lines = []

@@ -57,6 +57,12 @@ def connect_cache(
 
     Another reader delays only an opening for writing; another writer delays every opening.
 
+    Args:
+        file: the cache; it is created if it does not exist and ``read_only`` is False.
+        read_only: whether to open it for reading only.
+        wait_s: how long to wait for another process, in seconds.
+        settings: DuckDB's settings for the connection.
+
     Raises:
         duckdb.Error: if it cannot be opened, is not a DuckDB file, or is still in use after ``wait_s``.
     """
@@ -88,12 +94,12 @@ def transaction(connection: "duckdb.DuckDBPyConnection") -> Iterator[None]:
 
 
 def is_in_use(error: Exception) -> bool:
-    """Return whether a cache could not be opened because this or another process has it open."""
+    """Return whether an error of DuckDB says that a file is open elsewhere, in this or in another process."""
     return isinstance(error, IN_USE_ERRORS) or any(text in str(error) for text in _LOCK_ERRORS)
 
 
 def remove_cache(file: Path) -> None:
-    """Remove a database and its write-ahead log.
+    """Remove a cache file and its write-ahead log; do nothing if they do not exist.
 
     The write-ahead log goes first, because DuckDB would replay it into the next file of the same name.
     """
@@ -102,7 +108,7 @@ def remove_cache(file: Path) -> None:
 
 
 def describe_cache(file: Path) -> str:
-    """Return a line that identifies the current state of a cache: its change time, name, size, time and digest.
+    """Return a line that identifies a cache's current state: change time, name, size, modification time and digest.
 
     The line differs after every change, because DuckDB counts changes at the beginning of the file, which the digest
     covers. Call this while the file is open, because no other process can write to it then.
@@ -147,7 +153,8 @@ def describe_file(file: str | Path, status: os.stat_result | None = None, *, nam
     """Describe a file in one line that distinguishes it from other content of the same name.
 
     The line holds the name, the size, the modification time, a digest of the first and last 64 KiB, and the time at
-    which the system last recorded any change. Compare descriptions with ``is_same_content``.
+    which the system last recorded any change; of a file that does not exist, only the name, "gone" and "-". Compare
+    descriptions with ``is_same_content``.
 
     The change time is "-" if it cannot be trusted: for a file changed just before it was described, and on Windows,
     which does not record it.

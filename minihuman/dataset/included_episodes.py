@@ -85,6 +85,8 @@ class IncludedEpisodes:
     def counted(self) -> Iterator[SelectedSession]:
         """Yield every selected session with its included and excluded episodes; one session is in memory at a time.
 
+        Before a session is yielded, ``on_included`` is called for each of its included episodes.
+
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
@@ -97,7 +99,8 @@ class IncludedEpisodes:
     def rows(self) -> Iterator[SessionRows]:
         """Yield the rows of every table for each selected session, reading several sessions in parallel.
 
-        Excluded rows carry their reason. Before a session is yielded, the facts of each of its episodes are reported.
+        Excluded rows carry their reason. Before a session is yielded, ``on_included`` is called for each of its
+        included episodes.
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.

@@ -39,7 +39,8 @@ _ARROW_TYPES = {"boolean": pa.bool_(), "number": pa.float64(), "text": pa.string
 def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict[str, TableColumn]:
     """Return a file column for each key in a table's JSON column, by key; {} if the table has no JSON column.
 
-    The column's type is boolean or number if all values of the key are, else text.
+    The column's type is boolean or number if all values of the key are, else text. The keys are read from the table
+    of that name in the connection's schema "kept".
     """
     column = _JSON_COLUMNS.get(table)
     if column is None:
@@ -71,7 +72,13 @@ def build_info_fields(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
 
 
 def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColumn]) -> pa.Table:
-    """Return some rows of a table with the columns for JSON keys appended."""
+    """Return some rows of a table with the columns for JSON keys appended.
+
+    Args:
+        rows: the rows, with the table's JSON column.
+        table: the table's name.
+        columns: the columns to append, by JSON key, as ``list_info_columns`` returns them.
+    """
     if not columns:
         return rows
     objects = [_parse_object(text) for text in rows.column(_JSON_COLUMNS[table].name).to_pylist()]

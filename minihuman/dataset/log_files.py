@@ -80,13 +80,14 @@ def make_paths_relative(source: Path, text: str) -> str:
 def list_readable_logs(
     source: Path, read_metadata: Callable[[Path, Path], dict[str, str]] = lambda log, first: read_first_metadata(first)
 ) -> tuple[list[Path], list[SkippedLog]]:
-    """List the log itself, or every session below a folder once, in the order of paths; and list the logs to skip.
+    """Return the logs to read, in the order of their paths, and the logs to skip, each with its reason.
 
-    A session in several segments is listed as its folder, so that they are read together. Of several logs of a session,
-    the one in its regular place is listed. The logs of participants who withdrew are skipped.
+    Each session is listed once. A session in several segments is listed as its folder, so that they are read together.
+    Of several logs of a session, the one in its regular place is listed. The logs of participants who withdrew are
+    skipped.
 
     Args:
-        source: the log or folder.
+        source: a log, or a folder with logs at any depth.
         read_metadata: a function that returns a log's first metadata, given the log's path and its first file.
 
     Raises:
@@ -167,6 +168,9 @@ def list_participant_logs(source: Path, participant: str) -> list[Path]:
     """List the readable logs of one participant below a folder, reading only the first metadata of each log.
 
     Logs that are too damaged to name their participant are included.
+
+    Raises:
+        LogError: if the folder does not exist.
     """
     first_files = dict(_find_sessions(source)[0])
     codes = {
@@ -225,7 +229,7 @@ def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
 
 
 def _find_session_key(facts: dict[str, str]) -> tuple[str, ...]:
-    """Return the study, participant and session that a log names; an empty tuple if damage hides any of them."""
+    """Return the study, participant and session in a log's first metadata; an empty tuple if damage hides any."""
     session_key = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
     if not all(session_key):
         return ()
@@ -233,7 +237,7 @@ def _find_session_key(facts: dict[str, str]) -> tuple[str, ...]:
 
 
 def _is_in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Return whether a log has its session's regular folder and name, unlike a copy kept beside it."""
+    """Return whether a log has the regular folder and name of its session; ``facts`` is the log's first metadata."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"
@@ -254,7 +258,7 @@ def map_logs(
 ) -> Iterator[T | SkippedLog]:
     """Yield the result of ``work`` for each session in turn, in the manner of ``map_paths``.
 
-    A session for which ``work`` raises LogError or ProtocolError is yielded as skipped.
+    If a log cannot be read, or ``work`` raises LogError or ProtocolError, a `SkippedLog` is yielded in its place.
     """
     return map_paths(paths, partial(_read_and_work, work=work), processes=processes, engine=engine)
 
@@ -276,7 +280,7 @@ def map_paths(
         work: the function to call with each path; it and its results must be picklable.
         processes: the largest number of processes; by default the number of processors.
         engine: "local" for processes of this machine, or "ray" for a Ray cluster.
-        per_process: the number of logs for which one further process is started.
+        per_process: the number of logs per process; one further process is started for each such number.
 
     Raises:
         LogError: if the engine is neither "local" nor "ray".
@@ -310,7 +314,7 @@ def _map_with_workers(paths: list[Path], work: Callable[[Path], T], n_workers: i
 
 
 def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[T]]) -> Iterator[T]:
-    """Yield the results of batches in order, working in a Ray cluster whose nodes share their files.
+    """Yield a result for each log in order; a Ray cluster, whose nodes share their files, works on batches of logs.
 
     The cluster is the one that RAY_ADDRESS names, or a local one with this machine's cores.
     """
@@ -338,7 +342,7 @@ def _work_in_folder(work_on_batch: Callable[[list[Path]], list[T]], paths: list[
 def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[list[Path]], list[T]]) -> list[T]:
     """Remove the oldest batch and return its results.
 
-    Until it is done, work here on the newest batch that no process has begun.
+    Until it is done, work in this process on the newest batch that no other process has begun; if there is none, wait.
     """
     _, oldest = pending[0]
     while not oldest.done():

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
-    """Return the playing time in nanoseconds, without pauses, from the reset to ``until_ns`` or to the last step."""
+    """Return the playing time in nanoseconds, without pauses, from the reset to the session time ``until_ns``.
+
+    If ``until_ns`` is None, the time runs to the last step.
+    """
     first_ns = int(episode.t_ns[0])
     last_ns = int(episode.t_ns[-1]) if until_ns is None else until_ns
     paused_ns = 0
@@ -164,7 +167,10 @@ def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
 
 
 def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Find the runs of turning in place: each run's first row, its last row, and the number of steps that turned."""
+    """Find the runs of turning in place: each run's first and last row in ``poses``, and how many steps turned.
+
+    Each of the three arrays has one number per run.
+    """
     still = _measure_strides(poses) < _STILL
     bounded = np.concatenate([[False], still, [False]])
     edges = np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)  # first and last row of each run
@@ -176,7 +182,10 @@ def _find_turns(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64],
 
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
-    """Return the steps beyond the best known path to the goal; None if the goal was missed or no path is known."""
+    """Return ``steps`` minus ``best``, the steps of the best known path to the goal.
+
+    Return None if the goal was missed, which ``success`` says, or if ``best`` is None because no path is known.
+    """
     if success and best is not None:
         return float(steps - best)
     return None
@@ -217,8 +226,8 @@ def _steps_at_limit(steps: int, limit: int, outcome: str) -> int:
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
     """Return success weighted by path length, in steps (Anderson et al., 2018).
 
-    The value is best / steps if the goal was reached, else 0. It is None for an episode that was broken off, or for
-    which no path is known.
+    The value is best / steps if the goal was reached, else 0; ``best`` is the steps of the best known path. It is None
+    for an episode that was broken off, or if no path is known.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -233,7 +242,8 @@ FIRST_EPISODES = 5  # the number of episodes regarded as the first
 def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
     """Return the least-squares slope of a measure per episode over the first episodes; NaN with fewer than two values.
 
-    NaN values, which mark excluded episodes, are ignored.
+    ``values`` holds the measure of each episode in order, of which the ``first`` are used. NaN values, which mark
+    excluded episodes, are ignored.
     """
     early = np.asarray(values[:first], float)
     is_known = ~np.isnan(early)
@@ -308,7 +318,10 @@ _UNDISCOVERED: _Discovery = (None, None)
 
 
 def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
-    """Summarize the use of every key of each key map, and of every other key that was tried."""
+    """Summarize the use of every key of each key map, and of every other key that was tried.
+
+    ``tallies`` are those of a session's episodes, in order.
+    """
     rows: list[KeyUse] = []
     for key_map, group in _group_by_key_map(tallies):
         rows += _summarize_key_map(key_map, group)
@@ -343,7 +356,7 @@ def _summarize_key_map(key_map: KeyMap, group: Sequence[KeyTally]) -> Iterator[K
 
 
 def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
-    """Return the ``KeyUse.discovered_s`` of every key that has an action."""
+    """Return the ``KeyUse.discovered_s`` of every key with an action, for each key map; None if not discovered."""
     times_s: list[float | None] = []
     for key_map, group in _group_by_key_map(tallies):
         discoveries = _find_discoveries(group)
@@ -368,9 +381,9 @@ def _sum_counts(counts: Iterable[Counter[str]]) -> Counter[str]:
 
 
 def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
-    """Return when each key's action first showed: the playing time in seconds, and the steps under its key map.
+    """Return, by key, when its action first showed: the playing time in seconds and the steps under its key map.
 
-    Keys whose action never showed are absent.
+    ``group`` holds the tallies of consecutive episodes under one key map. Keys whose action never showed are absent.
     """
     discoveries: dict[str, _Discovery] = {}
     steps_before = 0
@@ -395,7 +408,7 @@ def world_options_json(plan: EpisodePlan) -> str:
 def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
     """Return bounds on the fewest steps to the goal in the world made from a seed.
 
-    ``options`` is JSON with sorted keys.
+    ``options`` holds the world's options as JSON with sorted keys, as ``world_options_json`` writes them.
 
     Raises:
         WorldError: if the world cannot be created here.

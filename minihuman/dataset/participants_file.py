@@ -40,7 +40,7 @@ class ParticipantsFile:
 
 
 def find_participants_file(source: Path) -> Path:
-    """Return the path of the file in the study's folder."""
+    """Return the path of `participants.csv`, which need not exist, in the folder of the study that ``source`` is in."""
     return find_study_folder(source) / FILE_NAME
 
 
@@ -129,8 +129,8 @@ def _read_lines(
     Spaces around names and cells are removed.
 
     Raises:
-        ParticipantsFileError: if a column is missing or named twice, if a line has more cells than there are columns,
-            or if the text is not valid CSV.
+        ParticipantsFileError: if the column of codes or one of ``columns`` is missing or named twice, if a line has
+            more cells than there are columns, or if the text is not valid CSV.
     """
     reader = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)
     try:

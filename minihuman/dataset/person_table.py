@@ -34,7 +34,7 @@ _ARROW_TYPES = {"text": pa.string(), "integer": pa.int64(), "number": pa.float64
 
 @dataclass(frozen=True, slots=True)
 class PersonTable:
-    """The person table of some sessions, and notes about the file that it comes from."""
+    """The person table of some participants, and notes about the file that it comes from."""
 
     columns: tuple[TableColumn, ...]
     rows: pa.Table

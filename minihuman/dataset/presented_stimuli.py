@@ -24,7 +24,7 @@ class Presentation:
 
 
 def list_presentations(log: "SessionLog") -> Iterator[Presentation]:
-    """Yield what the activities of a session presented."""
+    """Yield the pictures and sounds that a session's activities presented, one kind of activity after the other."""
     for name in dict.fromkeys(part.kind for part in log.plan.parts):
         attribute = find_kind(name).presentations
         if attribute:

@@ -158,7 +158,10 @@ def _list_station_facts(log: SessionLog, names: Sequence[str]) -> tuple[dict[str
 
 
 def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
-    """List the times in milliseconds from each step's key to the first flip of its picture, over all episodes."""
+    """List the times in milliseconds from a step's key to the first flip of its picture, over all episodes.
+
+    Steps without a key or without a shown picture are omitted.
+    """
     return _concatenate(_key_to_flip_ms(episode) for episode in log.episodes)
 
 
@@ -173,9 +176,10 @@ def _count_missing_pictures(episode: EpisodeLog) -> int:
 
 
 def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Count the step periods from each real-time step to the next; pairs of steps around a pause are omitted.
+    """Count the step periods from each real-time step to the next; 1 means that no period was without a step.
 
-    The array is empty if the episode has steps only when a key is pressed.
+    Pairs of steps around one of the ``pauses``, given by begin and end in ns of session time, are omitted. The array is
+    empty if the episode has steps only when a key is pressed.
     """
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)

@@ -129,7 +129,8 @@ def _fetch_partition(
 ) -> bool:
     """Fetch a partition into the local store, and return whether it was fetched.
 
-    A damaged partition is not fetched but removed from the remote store, if that can be written.
+    A damaged partition is not fetched but removed from the remote store, if that can be written; ``say`` is called with
+    a line about it.
     """
     from minihuman.dataset.table_files import find_partition_damage
 
@@ -174,6 +175,6 @@ def _open_table_store(study_dir: Path) -> RemoteStore | None:
 
 
 def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
-    """List a store's partitions of one study, or of all studies if ``study`` is "", regardless of who wrote them."""
+    """Return a store's partitions of one study, or of all studies if ``study`` is ""; other files are ignored."""
     partitions = map(TablePartition.parse, store.names(""))
     return {partition for partition in partitions if partition is not None and study in ("", partition.study)}

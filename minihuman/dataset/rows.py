@@ -21,7 +21,10 @@ _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "numbe
 
 
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
-    """Build a table's Arrow schema without some columns; each field carries its unit and meaning as metadata."""
+    """Build the Arrow schema of the table named ``table``, omitting the columns named in ``without``.
+
+    Each field carries its column's unit and meaning as metadata.
+    """
     return _build_schema(list_tables(), table, without)
 
 
@@ -110,8 +113,9 @@ class SessionTables(Mapping[str, pa.Table]):
 
 
 def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
-    """Build one table's Arrow columns from several sessions' rows, with texts encoded as dictionary indices.
+    """Build the Arrow columns of the table named ``name``, in the table's order, from the rows of several sessions.
 
+    Texts are encoded as dictionary indices.
     A NaN or an empty text becomes NULL: both mean that there is no value.
     """
     columns = RowBatch.stack([part for part in parts if part.count]).columns
@@ -131,7 +135,10 @@ def _build_arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
 
 
 def _encode_texts(texts: CategoricalTexts | list[str | None], rename: Callable[[str], str]) -> pa.DictionaryArray:
-    """Encode a column of texts as an Arrow dictionary; ``rename`` returns the text to write for each category."""
+    """Encode a column of texts as an Arrow dictionary; None and empty texts are missing.
+
+    ``rename`` returns the text to write for each distinct text.
+    """
     if isinstance(texts, list):
         categorical = CategoricalTexts.of(text or "" for text in texts)
     else:

@@ -82,7 +82,7 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
 
 @lru_cache(maxsize=16)
 def _read_exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
-    """Read the exclusion rules of a protocol, and check that their measures exist."""
+    """Decode a protocol's exclusion rules and check that their measures exist; messages name it by ``source``."""
     exclusions = decode_logged_protocol(protocol_toml, source).exclusions
     check_exclusion_measures(exclusions, source)
     return exclusions
@@ -113,7 +113,7 @@ class ExclusionRule:
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Return whether a row breaks the rule; a row with other labels, or without the measure, does not."""
+        """Return whether a row of measures breaks the rule; one with other labels, or without the measure, does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
@@ -133,7 +133,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
     """Read the exclusion rules of a session's own protocol, in the order in which they are tried.
 
     Raises:
-        ReportError: if a rule names a column that its table does not have.
+        ReportError: if a rule uses a measure that does not exist, or a label at the level of participants.
         ProtocolError: if the protocol in the log cannot be decoded.
     """
     if not plan.protocol_toml:
@@ -144,7 +144,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
 
 
 def find_exclusion_reason(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
-    """Return the reason of the first rule of a level that a row breaks; "" if it breaks none."""
+    """Return the reason of the first rule of a level that a row of its measures breaks; "" if it breaks none."""
     for rule in rules:
         if rule.exclusion.level == level and rule.broken_by(row):
             return rule.exclusion.reason
@@ -208,7 +208,7 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Return whether the session is included: it has an included episode, or its plan has no episodes at all."""
+        """Return whether the session has an included episode or, if its plan has none, is selected and not excluded."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 
@@ -267,7 +267,7 @@ class SelectionSummary:
                 self.excluded_episodes[exclusion.reason] += 1
 
     def add(self, other: "SelectionSummary") -> None:
-        """Add the counts of another summary to this one."""
+        """Add the counts, the skipped logs and the notes of another summary to this one."""
         self.sessions += other.sessions
         self.episodes += other.episodes
         self.versions.update(other.versions)
@@ -384,7 +384,7 @@ class Selection:
     ) -> tuple[list[str], str]:
         """Return the reason to exclude each episode, and this session's reason to exclude its participant.
 
-        An empty string means that there is no reason.
+        A reason is "" if there is none. ``measured`` may be None without rules; ``episode_tags`` are those in force.
         """
         reasons = [
             self._find_episode_reason(episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
@@ -408,7 +408,7 @@ class Selection:
     def _find_participant_reason(self, log: SessionLog, own_reason: str) -> str:
         """Return the reason to exclude the participant, from their first session that breaks a rule; "" if none does.
 
-        ``own_reason`` is that of this session. The logs of all others are read: participants are excluded as a whole.
+        ``own_reason`` is this session's. Other sessions are read, too: any can exclude the participant from all.
         """
         judgements = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
         other_reasons = [judgement for judgement in judgements if not isinstance(judgement, SkippedLog)]
@@ -473,7 +473,7 @@ class Selection:
 def summarize_session(log: SessionLog) -> MeasureRow:
     """Return the columns of the table "participants" that describe a session as a whole, whatever is selected.
 
-    ``completed_share`` is the share of planned episodes played to an end, without skipped ones; None without a plan.
+    ``completed_share`` is the share of planned, not skipped episodes that were played to an end; None without any.
     """
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     n_skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))

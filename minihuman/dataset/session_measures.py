@@ -237,7 +237,7 @@ def _find_median_ms(times_ms: Iterable[NDArray[np.float64]]) -> float | None:
 
 
 def _aggregate_key_discoveries(begun_tallies: Sequence[KeyTally]) -> MeasureRow:
-    """Return how many keys were discovered, and how long it took to discover all; None if one never was."""
+    """Return the columns for the discovery of keys; the time to discover all is None if one was never discovered."""
     times_s = key_discovery_times(begun_tallies)
     discovered_s = [time_s for time_s in times_s if time_s is not None]
     all_keys_discovered_s: float | None = None
@@ -266,9 +266,9 @@ def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
 
 
 def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
-    """Return the reward's change per episode over one block, with excluded episodes as gaps.
+    """Return the reward's change per episode over the first episodes of one block, with excluded episodes as gaps.
 
-    Return None if there are several blocks.
+    Return None if the rows are not all of one block, or if fewer than two of its first episodes have a row.
     """
     if len({row["block"] for row in rows}) != 1:
         return None

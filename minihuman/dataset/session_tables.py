@@ -62,6 +62,7 @@ def build_context_rows(
     """Build the rows of the tables about a session's circumstances, such as segments, plan, notes and samples.
 
     The tables starts and frames have rows of ``episodes`` only. All tables are empty if the session is not selected.
+    ``session_key`` holds the columns that all rows share, and ``marks`` the annotations.
     """
     if not is_selected:
         return dict.fromkeys(_CONTEXT_TABLES, RowBatch(0, {}))
@@ -162,7 +163,7 @@ def _build_frame_rows(episode: EpisodeLog) -> RowBatch:
 
 
 def _build_other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
-    """Return a segment's key events that happened outside its episodes."""
+    """Return a segment's key events that happened outside its episodes; ``episodes`` are those of the whole session."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
     for episode in episodes:
@@ -219,7 +220,7 @@ _MS_PER_NS = 1e-6
 def build_activity_rows(
     log: SessionLog, session_key: Mapping[str, Any], *, is_selected: bool = True
 ) -> dict[str, RowBatch]:
-    """Build the rows of the tables that are filled from events; all are empty if the session is not selected."""
+    """Build the rows, by table, that come from events or a whole session; no table has any if it is not selected."""
     tables = [table for table in (*_EVENT_TABLES, *list_activity_tables()) if table.episode_row is None]
     makers = defaultdict[type, list[tuple[str, RowMaker]]](list)  # by the class of an event
     for table in tables:
@@ -242,7 +243,7 @@ def build_activity_rows(
 
 
 def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
-    """Build the rows of the tables that activity kinds fill from episodes."""
+    """Build the rows of the tables that activity kinds fill from episodes, by table name."""
     return {
         table.name: RowBatch.of(list(_build_kind_rows(table, episodes, session_key)))
         for table in list_activity_tables()
@@ -329,7 +330,7 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
     """Build one session's rows of every table from the selected episodes.
 
     Excluded rows stay in the tables, with the reason in ``exclusion_reason``. Rows of blocks and participants aggregate
-    the included episodes; rows of keys cover all episodes that were begun in those blocks.
+    the included episodes; rows of keys cover all episodes that were begun in the blocks of the selected episodes.
     """
     log = session.log
     session_key: MeasureRow = {
@@ -382,7 +383,7 @@ def _build_block_row(
 
 
 def _build_participant_row(session: SelectedSession, measured: SessionMeasures, indices: Sequence[int]) -> MeasureRow:
-    """Build the participant's row from the included episodes with the given indices, without practice blocks."""
+    """Build the participant's row from the included episodes among ``indices`` that are in no practice block."""
     practice = find_practice_blocks(session.log.plan)
     analysed = [
         index for index in indices if not session.reasons[index] and measured.rows[index]["block"] not in practice
@@ -395,7 +396,7 @@ def _build_participant_row(session: SelectedSession, measured: SessionMeasures, 
 
 
 def _choose_exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
-    """Return why a row is excluded: by a rule for the participant, or since nothing in it ``counts``; "" if neither."""
+    """Return the reason to exclude a row, "" if none; ``counts`` says whether the row has anything that is included."""
     if session.session_reason:
         return session.session_reason
     if counts:

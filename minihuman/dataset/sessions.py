@@ -50,8 +50,14 @@ class StudySessions:
     """The sessions of a log, or of all logs below a folder. Iterating over them fills the ``account``.
 
     Unreadable logs, further logs of the same session and withdrawn participants are skipped, and the rest is read.
-    ``say`` is called at once with a line about each skipped log. With ``from_logs`` the cache is ignored, and tables
-    are built from the logs.
+
+    Args:
+        source: the log or the folder.
+        selection: the rule for what is included; None for the default selection.
+        say: called at once with a line about each skipped log.
+        processes: the largest number of processes that read logs; None for the number of processors.
+        engine: "local" for processes of this machine, or "ray" for a Ray cluster.
+        from_logs: whether to ignore the cache and build the tables from the logs.
     """
 
     def __init__(
@@ -108,7 +114,11 @@ class StudySessions:
                 yield session
 
     def _work_on_logs(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
-        """Yield the result of ``work`` for each readable log, and record the logs that are skipped."""
+        """Yield the result of ``work`` for each readable log; record skipped logs and selected sessions in the account.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
         paths, skipped = list_readable_logs(self.source)
         for log in skipped:
             self.skip(log)
@@ -124,7 +134,7 @@ class StudySessions:
             yield outcome
 
     def skip(self, log: SkippedLog) -> None:
-        """Record a log that cannot be read in the account, and report it with ``say``."""
+        """Record a skipped log in the account, and report it with ``say``; its path is made relative to the study."""
         log = log.relative_to(self.source)
         self.account.skipped.append(log)
         self._say(log.line())

@@ -32,6 +32,8 @@ def find_study_folder(source: Path) -> Path:
 def read_study_facts(source: Path, protocol_toml: bytes) -> AboutSpec:
     """Return the facts about a study, from the protocol in a log and from `about.toml` in the study's folder.
 
+    Facts in `about.toml` replace those of the protocol. A protocol that this version cannot read states none.
+
     Raises:
         ProtocolError: if `about.toml` is not valid.
     """

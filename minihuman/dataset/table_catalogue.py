@@ -66,7 +66,7 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """Build the data dictionary without some columns: by table and column, the column's type, unit and meaning."""
+    """Return the data dictionary: by table and column, type, unit and meaning. Columns in ``without`` are omitted."""
     descriptions = {}
     for table, columns in TABLES.items():
         described_columns = [column for column in columns if column.name not in without]
@@ -253,7 +253,10 @@ def _describe_file(table: str, path: Path) -> dict[str, Any]:
 def _build_resource(
     table: str, path: Path, without: frozenset[str], infos: Mapping[str, TableColumn]
 ) -> dict[str, Any]:
-    """Build the Frictionless resource of a table's file, without some columns and with the columns for JSON keys."""
+    """Build the Frictionless resource of a table's file, without columns in ``without``, with those in ``infos``.
+
+    ``infos`` has the columns for the keys of the table's JSON column, by key.
+    """
     columns = [column for column in TABLES[table] if column.name not in without]
     columns += infos.values()
     return _describe_file(table, path) | {"schema": build_table_schema(table, columns)}

@@ -91,7 +91,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             raise
 
     def insert(self, sessions: Iterable[tuple[int, SessionTables]]) -> dict[int, list[int]]:
-        """Insert sessions' rows; return, for each session, the digests of its rows in the order of ``TABLES``."""
+        """Insert the rows of sessions, each given by its number and its rows of every table.
+
+        Return, by session number, a digest of the session's rows in each table, in the order of ``TABLES``; 0 for a
+        table without rows.
+        """
         digests: dict[int, list[int]] = {}
         waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
         for number, rows in sessions:
@@ -181,7 +185,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
     def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
-        """Return a digest of each session's rows in a table, by session number, without some columns.
+        """Return a digest of each session's rows in a table, by session number; the columns in ``without`` are omitted.
 
         Sessions without rows are absent. Every edit changes the digest; equal rows have equal digests, whatever the
         session's number.
@@ -235,11 +239,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def batches(
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
     ) -> Iterator[pa.RecordBatch]:
-        """Yield one table's rows, session by session, without some columns; only a few rows are in memory at a time.
+        """Yield one table's rows, session by session; only a few rows are in memory at a time.
 
-        All batches except the last have the same number of rows, regardless of earlier insertions and deletions, so
-        that equal rows make equal files. With ``counting``, excluded rows are omitted, and so are rows that belong to
-        an excluded episode or session.
+        The columns in ``without`` are omitted. All batches except the last have the same number of rows, regardless of
+        earlier insertions and deletions, so that equal rows make equal files. With ``counting``, excluded rows are
+        omitted, and so are rows that belong to an excluded episode or session.
         """
         self._require_checked({name, *(COUNTED_BY if counting else ())})
         schema = arrow_schema(name, without=without)
@@ -260,7 +264,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def session_batches(
         self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
     ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
-        """Yield the rows of one table for the given sessions, session by session, without some columns.
+        """Yield the rows of one table for the given sessions, session by session; omit the columns in ``without``.
 
         Each item is a session's number and an iterator over its batches, to be used up before the next item is
         requested. As in ``batches``, equal rows make equal batches.
@@ -276,7 +280,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             yield number, (_cast(batch, schema) for batch in _split_evenly(without_number))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
-        """Read a table, or some of its columns; ``counting`` omits excluded rows as in ``batches``."""
+        """Read a table, or only ``columns`` in this order; ``counting`` omits excluded rows as in ``batches``."""
         without = frozenset[str]()
         if columns is not None:
             without = frozenset(column.name for column in TABLES[name]).difference(columns)
@@ -383,7 +387,7 @@ def _compose_definition(name: str) -> str:
 def digest_relation(
     rows: duckdb.DuckDBPyRelation, name: str, *, without: frozenset[str] = frozenset()
 ) -> dict[int, int]:
-    """Return a digest of each session's rows in a relation, by session number, without some columns.
+    """Return a digest of each session's rows in a relation, by session number.
 
     Args:
         rows: the rows, with the table's columns and two more: ``log``, the session's number, and ``row``, the number of
@@ -395,16 +399,19 @@ def digest_relation(
 
 
 def _compose_row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
-    """Return the SQL select list of a query that digests a table's rows by session.
+    """Return the SQL select list of a query that digests a table's rows by session, omitting columns in ``without``.
 
-    The digests of the rows are added, so that the order of the rows does not matter.
+    The digests of the rows are added, so that the order in which they are read does not matter.
     """
     columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
 def _split_evenly(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Yield the same rows in batches of ``_ROWS``; the sizes of DuckDB's own batches depend on gaps in the file."""
+    """Yield the same rows in batches of ``_ROWS`` rows, of which the last may have fewer.
+
+    The sizes of DuckDB's batches depend on gaps in the file.
+    """
     waiting: list[pa.RecordBatch] = []
     for batch in batches:
         waiting.append(batch)

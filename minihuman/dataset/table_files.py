@@ -166,7 +166,15 @@ def _write_table(
     without: frozenset[str],
     infos: Mapping[str, TableColumn],
 ) -> None:
-    """Write one table into a file of each of the given formats."""
+    """Write one table into a file of each of the given formats.
+
+    Args:
+        tables: the open tables.
+        name: the table's name.
+        files: the path of the file for each format.
+        without: the columns to omit.
+        infos: the columns to append for the keys of the table's JSON column, by key.
+    """
     columns = pa.schema([*arrow_schema(name, without=without), *build_info_fields(infos)])
     writers = [_WRITERS[kind](path, columns) for kind, path in files.items()]
     for batch in tables.batches(name, without=without):
@@ -274,7 +282,12 @@ _Cells = Sequence[object]
 def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
     """Yield the differences of a study's ``tables.duckdb`` from tables recomputed from its logs.
 
-    Sessions whose logs have changed are not compared, because the next command reads them again.
+    Sessions whose logs have changed are not compared, because the next command reads them again. Nothing is yielded if
+    there is no such file, or if another version of the software made it.
+
+    Args:
+        fresh: the store of the tables that were recomputed from the logs.
+        study: the study's folder.
     """
     cache_path = study / TABLE_CACHE
     if not cache_path.exists():
@@ -376,7 +389,11 @@ def _compare_column(column: str) -> str:
 
 
 def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
-    """Yield the differences of a folder's CSV and Parquet tables from the files of the same names in another folder."""
+    """Yield the differences of a folder's CSV and Parquet tables from the files of the same names in ``recomputed``.
+
+    ``recomputed`` is the folder of the tables that were recomputed from the logs. At most ``MAX_NAMED`` differences are
+    yielded per file.
+    """
     files = sorted(folder.iterdir())
     for path in files:
         if path.stem not in TABLES or path.suffix not in _READERS:
@@ -414,7 +431,10 @@ def _shorten(line: str) -> str:
 
 
 def _compare_rows(path: Path, expected_path: Path) -> Iterator[str]:
-    """Yield the differences of a table's file from ``expected_path``, which was written from the logs."""
+    """Yield the differences of a table's file from ``expected_path``, which was written from the logs.
+
+    If all cells are equal, yield one line which says that only the bytes of the files differ.
+    """
     read = _READERS[path.suffix]
     try:
         heads, rows = read(path)

@@ -97,7 +97,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def sessions(self) -> tuple["CachedSession", ...]:
         """Return the cached description of every log, in order of path.
 
-        Logs that are not selected or not readable have a shorter description.
+        Of logs that are not selected or not readable, ``outline`` and ``quality`` are None.
         """
         return self.store.cached_sessions
 
@@ -137,7 +137,13 @@ class Tables(AbstractContextManager["Tables", None]):
         return self.people
 
     def arrow(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pa.Table":
-        """Return a table, or some of its columns, as Arrow; with ``included``, excluded rows are omitted."""
+        """Return a table, or only ``columns`` in this order, as Arrow; with ``included``, excluded rows are omitted.
+
+        Excluded rows of the person table are those of participants without an included session.
+
+        Raises:
+            QueryError: if the person table is requested and no protocol declares its columns.
+        """
         if name != PERSON_TABLE:
             return self.store.tables.table(name, columns, counting=included)
         rows = self._require_people().rows
@@ -151,9 +157,9 @@ class Tables(AbstractContextManager["Tables", None]):
         return rows.select(columns)
 
     def frame(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pd.DataFrame":
-        """Return a table, or some of its columns, as a pandas data frame.
+        """Return a table, or only ``columns`` in this order, as a pandas data frame.
 
-        With ``included``, excluded rows are omitted.
+        With ``included``, excluded rows are omitted, as in ``arrow``, which raises the same errors.
         """
         frame: pd.DataFrame = self.arrow(name, columns, included=included).to_pandas()
         return frame
@@ -168,7 +174,8 @@ class Tables(AbstractContextManager["Tables", None]):
         """Run SQL on the tables and return the result.
 
         Raises:
-            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
+            QueryError: if the text is not a valid SELECT statement, refers to something that does not exist, or uses a
+                file.
         """
         from minihuman.dataset.table_queries import mentions_person_table
 
@@ -185,7 +192,14 @@ class Tables(AbstractContextManager["Tables", None]):
         kinds: Sequence["TableFormat"] = ("parquet", "csv"),
         without: frozenset[str] = frozenset(),
     ) -> tuple[Path, ...]:
-        """Write the tables that have rows into a folder, without some columns; return the paths of the files."""
+        """Write the tables that have rows, and their data dictionary, into a folder; return the paths of the files.
+
+        Args:
+            folder: the folder, which is created if it does not exist.
+            names: the tables to write; None for all, with the person table if there is one.
+            kinds: the file formats, each of which gets a file per table.
+            without: the columns to omit.
+        """
         from minihuman.dataset.table_files import write_tables
 
         people = None
@@ -198,7 +212,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def write_partitions(self, folder: Path) -> Iterator[tuple["TablePartition", Path]]:
         """Write the tables below a folder, one Parquet file per table and session.
 
-        Yield each file when it is complete.
+        Yield each partition, with the path of its file, when the file is complete.
         """
         from minihuman.dataset.table_files import list_partitions, write_partitions
 
@@ -223,18 +237,28 @@ class Tables(AbstractContextManager["Tables", None]):
 
         Raises:
             LogError: if the log can no longer be read.
+            ProtocolError, ReportError: as for ``Selection.judge``.
         """
         return self.selection.judge(self.read_log(session))
 
     def read_protocol(self, session: "CachedSession") -> Protocol | None:
-        """Read the protocol under which a session was played; None if the log holds none."""
+        """Read the protocol under which a session was played; None if the log holds none.
+
+        Raises:
+            LogError: if the log can no longer be read.
+            ProtocolError: if this version cannot decode the protocol.
+        """
         toml = self.read_log(session).plan.protocol_toml
         if toml:
             return decode_logged_protocol(toml, session.path)
         return None
 
     def read_protocols(self) -> list[Protocol]:
-        """Read the protocols under which the selected sessions were played, without duplicates."""
+        """Read the protocols under which the selected sessions were played, without duplicates.
+
+        Raises:
+            LogError, ProtocolError: as for ``read_protocol``.
+        """
         protocols = (self.read_protocol(session) for session in self._list_protocol_sessions())
         return [protocol for protocol in protocols if protocol is not None]
 
@@ -243,6 +267,7 @@ class Tables(AbstractContextManager["Tables", None]):
 
         Raises:
             LogError: if there is no such file or folder, or it is a single log that cannot be read.
+            AssertionError: if the store is open already.
         """
         if self._opened is not None:
             raise AssertionError("the store is open and has filled the account; read the sessions that it names")
@@ -295,7 +320,7 @@ def select(
         source: the study's folder or the log.
         selection: the rule for what is included; by default, all completed episodes that neither a rule nor a reviewer
             excludes.
-        say: called with a line about each log that cannot be read.
+        say: called with a line about each log that is skipped, such as one that cannot be read.
         processes: the number of processes that read logs in parallel; by default the number of processors.
         engine: "local" to read logs in processes of this machine, or "ray" to read them in a Ray cluster.
         from_logs: whether to ignore the cache and build the tables from the logs.

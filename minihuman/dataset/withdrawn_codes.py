@@ -41,7 +41,8 @@ class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
 def read_local_ledger(data_dir: Path, study: str) -> Iterator[LedgerEntry]:
     """Yield the entries about one study from a data folder's copy of the erasure ledger.
 
-    As in the shared ledger of a study, the entries do not name it. Damaged lines are skipped.
+    The field ``study`` of the entries is "", as in a study's shared ledger. Damaged lines are skipped. Nothing is
+    yielded if the folder has no copy.
     """
     try:
         lines = (data_dir / LEDGER_FILE_NAME).read_bytes().splitlines()

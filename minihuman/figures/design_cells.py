@@ -31,7 +31,7 @@ def draw_cells(
 ) -> Axes:
     """Draw a dot per participant and condition, a thin line through a participant's dots, and each cell's mean.
 
-    Each mean has its 95 % interval (Student's t), clipped to ``limits``; a line joins the means of a group.
+    Each mean has a 95 % interval (Student's t), clipped to ``limits``; a line joins a group's means. Return ``ax``.
 
     Args:
         ax: the axes to draw on.
@@ -60,7 +60,7 @@ def draw_cells(
 
 
 def _choose_dot_size(n: int) -> float:
-    """Return the size of the dots in points, which is smaller for more participants."""
+    """Return the size of the dots in points, which is smaller for more participants; ``n`` is their number."""
     if n <= 30:
         return 3.2
     if n <= 100:
@@ -113,7 +113,7 @@ def _name_difference(difference: Difference) -> str:
 
 
 def _label_differences(ax: Axes, differences: Sequence[Difference], title: str) -> None:
-    """Write the name of each difference beside its row, and the title above the axes."""
+    """Write each difference's name at its position on the vertical axis, and the title above the axes."""
     ax.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
     ax.set_title(title, loc="left")
 
@@ -131,12 +131,10 @@ def cells_figure(
     are_ratios: bool = False,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draw the values of every participant in every condition, and beside them the differences.
-
-    The figure has the width of a page.
+    """Return a figure, a page wide, of every participant's value in every condition, and beside them the differences.
 
     Args:
-        groups: per group, an array of shape (participants, conditions).
+        groups: per group, an array of shape (participants, conditions); NaN where a participant has no value.
         conditions: the names of the conditions.
         differences: the differences to draw; ``first`` names the contrast, ``second`` the groups if they are compared.
         measure: the name of the measure.

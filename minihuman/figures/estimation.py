@@ -70,7 +70,8 @@ def draw_participants(
 ) -> Axes:
     """Draw one dot per participant, and beside each group's dots its mean with a 95 % interval (Student's t).
 
-    The interval is clipped to ``limits``, the lowest and the highest possible value of the measure.
+    The interval is clipped to ``limits``, the lowest and the highest possible value of the measure. ``groups`` holds
+    each group's values by its name, one per participant and NaN for none. Return ``ax``.
     """
     from minihuman.figures.learning_curves import mean_and_band
 
@@ -99,7 +100,7 @@ def draw_participants(
 
 
 def _choose_dot_size(n: int) -> float:
-    """Return the size of the dots in points, which is smaller for more participants."""
+    """Return the size of the dots in points, which is smaller for more participants; ``n`` is their number."""
     if n <= 30:
         return 4.2
     if n <= 100:
@@ -112,7 +113,8 @@ def draw_differences(
 ) -> Axes:
     """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero.
 
-    If ``are_ratios`` is true, the differences are of natural logarithms, and the axis shows them as ratios.
+    If ``are_ratios`` is true, the differences are of natural logarithms, and the axis shows them as ratios. The label
+    of the axis is ``level``. Return ``ax``.
     """
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):
@@ -143,9 +145,7 @@ def estimation_figure(
     unit: str = "participant",
     are_ratios: bool = False,
 ) -> Figure:
-    """Draw every participant's value by group, and beside them the differences between groups.
-
-    The figure has the width of a page.
+    """Return a figure, a page wide, of every participant's value by group, and beside them the groups' differences.
 
     Args:
         groups: per group, one value per participant; NaN where a participant has no value.
@@ -174,7 +174,7 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
     """Draw each participant's distribution of reaction times as a thin line, and each group's mean as a thick one.
 
     If any group has more than `figure_data.MOST_LINES` participants, whose lines would hide each other, each has a
-    band from its participants' 10th to their 90th percentile instead.
+    band from its participants' 10th to their 90th percentile instead. Return ``ax``.
 
     Args:
         ax: the axes to draw on.
@@ -205,7 +205,10 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
 
 
 def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Values, *, title: str) -> Figure:
-    """Draw the distributions of reaction times in a figure one column wide."""
+    """Return a figure, one column wide, of the distributions of reaction times.
+
+    ``groups`` and ``edges_ms`` are those of ``draw_reaction_times``.
+    """
     with figure_style():
         figure = new_figure(height_cm=6.6)
         figure.suptitle(title)
@@ -217,10 +220,10 @@ ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and shar
 
 
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
-    """Draw the success, normalised score and relative efficiency of several players, and their success by episode.
+    """Return a figure of players' success, normalised score, relative efficiency, and success by episode of a block.
 
-    The last panel is left out if no player has several episodes in a block. A dashed line marks the score of 1 that the
-    reference player has by definition.
+    The last panel is omitted if no player has several episodes in a block. A dashed line marks the score of 1 that the
+    reference player has by definition; ``reference`` describes this player in words.
     """
     width_ratios = [1.0, 1.0, 1.0]
     has_curves = any(len(shares) > 1 for _, _, shares in bars)

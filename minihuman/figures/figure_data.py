@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
 
 def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
-    """Return a figure's title with the block, if any, and the measure, in lines of at most ``width`` characters."""
+    """Return a figure's title in lines of at most ``width`` characters: the measure, after the block if it is given."""
     title = measure[:1].upper() + measure[1:]
     if block:
         title = f"Block {block}: {measure}"
@@ -54,7 +54,7 @@ def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
 def collect_learning_curves(
     episodes: "pd.DataFrame", measure: str = "reward", *, order: Sequence[str] = ()
 ) -> dict[str, NDArray[np.float64]]:
-    """Return a measure per group as arrays (participants, episodes in the block).
+    """Return a measure per group as arrays (participants, episodes in the block); {} without episodes.
 
     A value is NaN if the episode is not included. For every group the first column is the first episode of the block.
     If an episode was attempted several times, the last attempt counts. A block of several sessions has a curve for each

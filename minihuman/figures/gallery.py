@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -> Iterator[Path]:
     """Draw the overview and paths of a single session, or the occupancy and rewards of several sessions together.
 
-    Yield the paths of the files. With ``each_session``, the overview and paths of every session are drawn as well,
-    which takes some seconds per session.
+    Yield the paths of the files, which are written below the folder ``out``. With ``each_session``, the overview and
+    paths of every session are drawn as well, which takes some seconds per session. Without an included episode, nothing
+    is drawn.
 
     Raises:
-        LogError: if the file or folder does not exist.
+        LogError: if the file or folder does not exist, or is a single log that cannot be read.
     """
     first: SessionLog | None = None
     all_sessions: list[SessionLog] = []

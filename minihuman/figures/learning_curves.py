@@ -23,7 +23,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 def mean_and_band(
     values: NDArray[np.float64], *, level: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean over participants and the limits of its t interval, each (episodes,).
+    """Return the mean over participants, and the lower and upper limit of its t interval, each (episodes,).
 
     With fewer than two participants in an episode, its interval is NaN.
 
@@ -44,7 +44,7 @@ def mean_and_band(
 def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the share of ones and the limits of its 95 % interval (Wilson), each (episodes,).
+    """Return the share of ones, and the lower and upper limit of its 95 % interval (Wilson), each (episodes,).
 
     All three are NaN in an episode without a value.
 
@@ -73,7 +73,7 @@ def draw_learning(
     """Draw each group's mean over its participants against the episode in the block, or against ``numbers``.
 
     Means have bands at the confidence level ``level`` (Student's t), clipped to ``limits``. If all values are 0 or 1,
-    and the measure has no other limits, the means are shares with Wilson's 95 % intervals and no thin lines.
+    and the measure has no other limits, means are shares with Wilson's 95 % intervals and no thin lines. Return ``ax``.
 
     Args:
         ax: the axes to draw on.
@@ -136,7 +136,7 @@ def learning_figure(
     numbers: Sequence[int] | None = None,
     title: str = "",
 ) -> Figure:
-    """Draw the learning curves of one measure in a figure one column wide."""
+    """Return a figure, one column wide, of one measure's learning curves; for the arguments, see ``draw_learning``."""
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.4 * len(title.splitlines()))
         figure.suptitle(title)

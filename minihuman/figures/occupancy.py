@@ -27,8 +27,11 @@ def compute_occupancy(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the share of steps in each square of the floor, (columns, rows), and the squares' edges along x and z.
 
-    Squares are cells in the grid and half metres in first-person worlds. Every participant has the same weight, however
-    many steps they took. Episodes without a map or poses are left out.
+    The shares sum to 1. Squares are cells in the grid and half metres in first-person worlds. Every participant has the
+    same weight, however many steps they took. Episodes without a map or poses are omitted.
+
+    Args:
+        participants: per participant, the episodes, all in worlds with the same unit of places.
 
     Raises:
         ValueError: if no episode has a map and poses, or cells and metres are mixed.
@@ -84,7 +87,7 @@ def _stack_positions(episodes: Sequence[EpisodeLog]) -> NDArray[np.float64]:
 def draw_occupancy(
     ax: Axes, participants: Sequence[Sequence[EpisodeLog]], *, limits: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw the share of steps in each square of the floor, darker for more, with the walls of every map.
+    """Draw the share of steps in each square of the floor, darker for more, with the walls of every map; return ``ax``.
 
     Squares that were never visited are white. Walls that only some of the episodes have are paler.
 
@@ -118,7 +121,7 @@ def draw_occupancy(
 
 
 def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the lowest and the highest percentage of the colour scale.
+    """Return the lowest and the highest percentage of the colour scale for some arrays of shares from 0 to 1.
 
     The highest is the largest share; the lowest is the smallest share above 0, but at least a 300th of the highest.
     """
@@ -128,7 +131,7 @@ def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
-    """Draw the occupancy of each group with one colour scale.
+    """Return a figure of the occupancy of each group, with one colour scale for all.
 
     The figure is a column wide for one group, and a page wide for several.
 
@@ -157,7 +160,7 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
 
 
 def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
-    """Return the episodes of a world that have positions, by participant, over all of their sessions."""
+    """Return a list per participant of the episodes in a world that have positions, over all of their sessions."""
     participants: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
         episodes = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]

@@ -20,7 +20,7 @@ _KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", MU
 
 
 def draw_steps(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the number of steps of each episode, with its outcome as colour and shape, and its step limit as a bar."""
+    """Draw each episode's steps, its outcome as colour and shape, and its step limit as a bar; return ``ax``."""
     numbers = _list_episode_numbers(log)
     for episode, number in zip(log.episodes, numbers, strict=True):
         name = episode.outcome_word
@@ -41,7 +41,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the playing time of each episode in seconds, from the reset to the last step, without pauses."""
+    """Draw each episode's playing time in seconds, without pauses, from the reset to the last step; return ``ax``."""
     seconds = [playing_s(episode) for episode in log.episodes]
     ax.bar(_list_episode_numbers(log), seconds, width=0.7, color=SERIES[4])
     ax.set_ylabel("playing time (s)")
@@ -49,7 +49,7 @@ def draw_time(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_keys(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the key presses of each episode by kind: those that made a step, had no action, or fell outside play."""
+    """Draw each episode's key presses: those that made a step, had no action, or came outside play; return ``ax``."""
     counts = [_count_presses(episode) for episode in log.episodes]
     bottom = np.zeros(len(counts))
     for kind, colour in _KEY_KINDS:
@@ -62,7 +62,7 @@ def draw_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
-    """Draw the number of different keys pressed in each episode; a bar marks the number of keys with an action."""
+    """Draw how many different keys were pressed in each episode, and how many have an action; return ``ax``."""
     n_pressed = [len({press.key for press in episode.keys if press.down}) for episode in log.episodes]
     ax.bar(_list_episode_numbers(log), n_pressed, width=0.7, color=SERIES[3])
     for number, episode in zip(_list_episode_numbers(log), log.episodes, strict=True):
@@ -76,7 +76,9 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def overview_figure(log: SessionLog) -> Figure:
-    """Draw four panels over the episodes of a session, with every other block shaded, in a figure one column wide.
+    """Return a figure, one column wide, with four panels over a session's episodes; every other block is shaded.
+
+    The panels are those of ``draw_steps``, ``draw_time``, ``draw_keys`` and ``draw_different_keys``.
 
     Raises:
         LogError: if the session has no episode.
@@ -116,7 +118,7 @@ def _count_presses(episode: EpisodeLog) -> Counter[str]:
 
 
 def _name_blocks(ax: Axes, log: SessionLog) -> None:
-    """Write the name of each block above its episodes, and extend the axis to make room for it."""
+    """Write the name of each block above its episodes on the axes of steps, and extend them to make room for it."""
     ax.set_ylim(top=1.2 * max(episode.plan.max_steps for episode in log.episodes))
     for name in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
         numbers = [episode.number for episode in log.episodes if episode.plan.block_name == name]

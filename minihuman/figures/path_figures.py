@@ -44,7 +44,7 @@ _OTHER = "h"
 
 
 def get_marker(thing: Thing) -> str:
-    """Return the marker for an object's kind, chosen by the last known word of its name ("door" in "door locked")."""
+    """Return Matplotlib's marker for an object, by the last known word of its name ("door" in "door locked") or "h"."""
     words = thing.name.replace("_", " ").lower().split()
     return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
 
@@ -64,9 +64,9 @@ def draw_object(ax: Axes, thing: Thing) -> None:
 
 
 def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
-    """Return legend entries for the named objects on some maps, one per kind, at most ``MAX_LEGEND_ENTRIES``.
+    """Return legend entries for the objects on some maps, one per name, at most ``MAX_LEGEND_ENTRIES``.
 
-    Goals are left out, because they have their own entry.
+    Objects without a name are omitted, and so are goals, because they have a separate entry. A map may be None.
     """
     handles: dict[tuple[str, str], Line2D] = {}
     things = [thing for floor in maps if floor is not None for thing in floor.things]
@@ -108,7 +108,7 @@ def get_valid_bounds(floor: Map) -> tuple[float, float, float, float]:
 
 
 def draw_map(ax: Axes, floor: Map) -> Axes:
-    """Draw the floor, walls and objects as seen from above, x to the right and z down the page.
+    """Draw the floor, walls and objects as seen from above, x to the right and z down the page; return ``ax``.
 
     The floors of a building lie below each other, the highest at the top.
 
@@ -138,13 +138,19 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
 
 
 def find_floor_shifts(floor: Map) -> NDArray[np.float64]:
-    """Return how far along z each floor of a map is drawn from the lowest one, float64[floors]; 0 in a flat world."""
+    """Return how far along z each floor is drawn from the lowest one, in the map's unit, float64[floors].
+
+    Higher floors have negative shifts. A flat world has one floor, whose shift is 0.
+    """
     _, z0, _, z1 = floor.bounds
     return np.array([-_FLOOR_GAP * (z1 - z0) * number for number in range(max(1, len(floor.levels)))])
 
 
 def _find_floors(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the floor of each pose, int64[n]; 0 in a flat world."""
+    """Return the number of the floor on which each pose lies, int64[n], 0 for the lowest; 0 in a flat world.
+
+    ``poses`` has the shape (n, 4).
+    """
     floor = episode.start.map
     if floor is None or not floor.levels:
         return np.zeros(len(poses), np.int64)
@@ -152,7 +158,7 @@ def _find_floors(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.
 
 
 def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Draw the path of an episode; the colour shows the time since its start, from dark to light.
+    """Draw the path of an episode; the colour shows the time since its start, from dark to light; return ``ax``.
 
     Rings mark turns in place of 45 degrees and more; larger turns have larger rings. In the grid, where paths overlap
     exactly, each further visit to a cell is drawn slightly offset. An episode without poses draws nothing.
@@ -219,7 +225,7 @@ def _draw_partners(ax: Axes, episode: EpisodeLog) -> None:
 
 
 def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Draw a star at the episode's goal, if `find_goal` finds one."""
+    """Draw a star at the episode's goal, if `find_goal` finds one; return ``ax``."""
     goal = find_goal(episode)
     if goal is not None:
         ax.plot(*goal, "*", ms=9.0, mfc=GOAL, mec="black", mew=0.4, zorder=6, gid="goal")
@@ -229,7 +235,8 @@ def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
 def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     """Return the position (x, z) of the episode's goal, or None if the map does not show it.
 
-    The goal is the object that is called a goal, or else the only one that the mission names, or else the only object.
+    The goal is the first object with "goal" in its name, or else the only one that the mission names, or else the only
+    object. On a map with several floors, z is where the goal is drawn.
     """
     if episode.start.map is None:
         return None
@@ -247,7 +254,7 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
 
 
 def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
-    """Draw the panel of one episode: its number, map, goal and path, and how it ended."""
+    """Draw the panel of one episode: its number, map, goal and path, and how it ended; return ``ax``."""
     if episode.start.map is not None:
         draw_map(ax, episode.start.map)
         draw_goal(ax, episode)
@@ -270,7 +277,7 @@ def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
 def paths_figure(
     columns: Sequence[tuple[str, Sequence[EpisodeLog]]], *, across: int = 2, width_cm: float = COLUMN_CM
 ) -> Figure:
-    """Draw episodes in panels, with a titled group of columns for each sequence of episodes, side by side.
+    """Return a figure with a panel per episode, and a titled group of columns for each sequence of episodes.
 
     Args:
         columns: the title and the episodes of each group of columns.
@@ -301,7 +308,10 @@ def paths_figure(
 
 
 def _build_partner_legend(episodes: Sequence[EpisodeLog]) -> list[Line2D]:
-    """Return a legend entry for the path of each partner; a single one is called "partner"."""
+    """Return a legend entry for each partner's path, as many as the largest team of the episodes has.
+
+    A single partner is called "partner", several are called "other 1", "other 2" and so on.
+    """
     n_partners = max((len(list_partner_seats(episode)) for episode in episodes), default=0)
     if n_partners == 1:
         labels = ["partner"]
@@ -312,17 +322,20 @@ def _build_partner_legend(episodes: Sequence[EpisodeLog]) -> list[Line2D]:
 
 
 def session_paths(log: SessionLog) -> Figure:
-    """Draw the paths of a session, with a titled group of columns for the first ten episodes of each block."""
+    """Return a figure of a session's paths, with a titled group of columns for the first ten episodes of each block."""
     return blocks_figure(group_by_block(log))
 
 
 def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
-    """Draw the paths of several blocks side by side, with as many panels across as stay readable in a column."""
+    """Return a figure of the paths of blocks side by side, with as many panels across as stay readable in a column.
+
+    Each block is given by its name and its episodes.
+    """
     return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
 def _draw_key(part: SubFigure, entries: Sequence[Line2D], key_cm: float) -> None:
-    """Draw the key to colours, marks, partners and objects in the strip below the panels."""
+    """Draw the key to colours, marks, partners and objects in the strip below the panels, which is ``key_cm`` high."""
     from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
         ScalarMappable(cmap=TIME_COLOURS),
@@ -356,7 +369,7 @@ def _build_mark_legend(*, has_goal: bool) -> list[Line2D]:
 
 
 def _spread_visits(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points, with repeated visits to a cell shifted along its diagonal, cycling through five offsets.
+    """Return the points (n, 2), with further visits to a cell shifted along its diagonal, cycling through five offsets.
 
     The offsets are 0, 1, 2, -2 and -1 times ``_SPREAD_CELLS``; the first visit is not shifted.
     """

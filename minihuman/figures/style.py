@@ -106,7 +106,7 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 
 def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
-    """Write a figure as a PNG file for the screen, creating the folder if necessary; return its path."""
+    """Write a figure as a PNG file for the screen, creating the folder if necessary; return the file's path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():
         _lay_out(figure, dpi=dpi)
@@ -117,7 +117,7 @@ def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
 def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, Path]:
     """Write ``stem``.png at 300 dots per inch and ``stem``.pdf, creating the folder if necessary.
 
-    The metadata of both files contain the ``digest`` of the figure's data under "Keywords".
+    The metadata of both files contain the ``digest`` of the figure's data under "Keywords", unless it is "".
 
     Returns:
         The paths of the PNG and the PDF file.

@@ -19,7 +19,7 @@ _Z_95 = 1.959964  # the quantile of the normal distribution for a 95 % interval
 
 
 def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the limits of the 95 % interval of a curve's share after each event, for independent observations.
+    """Return the lower and upper limits of the 95 % intervals of a curve's shares, for independent observations.
 
     The variance is Greenwood's on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4). The limits are NaN
     where the share is 0.
@@ -35,7 +35,7 @@ def survival_band(survival: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray
 
 
 def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, independent: bool = False) -> Axes:
-    """Draw each group's Kaplan-Meier curve as a step function, with a tick at each censored observation.
+    """Draw each group's Kaplan-Meier curve as a step function, with a tick at each censored observation; return ``ax``.
 
     Args:
         ax: the axes to draw on.
@@ -74,7 +74,7 @@ def survival_figure(
     independent: bool = False,
     counted: str = "at risk",
 ) -> Figure:
-    """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis.
+    """Return a figure, one column wide, of the survival curves of one event, with the number at risk under the axis.
 
     Args:
         groups: per group, the survival times.

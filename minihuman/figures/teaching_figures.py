@@ -22,11 +22,11 @@ _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     """Draw who steered at each step, the first episode on top, with a thin line at each change of the policy.
 
-    Ratings are drawn as marks at their steps.
+    Ratings are drawn as marks at their steps. Return ``ax``.
 
     Args:
         ax: the axes to draw on.
-        episodes: the episodes, each with ``taught``.
+        episodes: the episodes, each with the record ``taught`` of its agent and ratings.
     """
     drawn_ratings: set[float] = set()
     last_policy: str | None = None
@@ -54,7 +54,7 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """Draw who steered in a session's episodes of one block, in a figure one column wide."""
+    """Return a figure, one column wide, of who steered in a session's episodes of one block."""
     with figure_style():
         figure = new_figure(height_cm=2.6 + 0.36 * min(40, len(episodes)))
         draw_steering(figure.subplots(), episodes)
@@ -88,9 +88,11 @@ def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_
 def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     """Draw the rating presses of a block over the minutes since its start, with a dotted line where the policy changes.
 
+    A line shows the share of good ones among the latest ``WINDOW_PRESSES`` presses. Return ``ax``.
+
     Args:
         ax: the axes to draw on.
-        episodes: the block's episodes in order, each with ``taught``; at least one must have a press.
+        episodes: the block's episodes in order, those with an agent having ``taught``; one must have a press.
     """
     begins_ns = episodes[0].t_ns[0]
     for change_ns in _find_policy_changes_ns(episodes):
@@ -129,7 +131,7 @@ def _find_policy_changes_ns(episodes: Sequence[EpisodeLog]) -> Iterator[int]:
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:
-    """Draw a session's rating presses in one block, in a figure one column wide."""
+    """Return a figure, one column wide, of a session's rating presses in one block."""
     with figure_style():
         figure = new_figure(height_cm=5.0)
         draw_ratings(figure.subplots(), episodes)

@@ -22,7 +22,7 @@ def draw_conditions(
     measure: str,
     limits: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw every participant as a thin line over the conditions, and each group's means with 95 % intervals.
+    """Draw every participant's line over the conditions, and each group's means with 95 % intervals; return ``ax``.
 
     Args:
         ax: the axes to draw on.
@@ -62,10 +62,10 @@ def condition_figure(
     label: str,
     title: str,
 ) -> Figure:
-    """Draw one panel per measure in a figure of the width of a page.
+    """Return a figure, a page wide, with one panel per measure.
 
     Args:
-        panels: per measure, its name, the values of the groups, and its limits.
+        panels: per measure, its name, the groups' values as in ``draw_conditions``, and its limits or None.
         conditions: the names of the conditions.
         label: the name of the label that distinguishes the conditions, for the horizontal axis.
         title: the title of the figure, which names the block and the label.

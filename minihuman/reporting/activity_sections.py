@@ -73,7 +73,7 @@ class SectionSource:
         return self._tables.frame(name)
 
     def keep_included(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the rows of a table of episodes that are included in the statistics, each with its world."""
+        """Return the rows of a table of episodes that the statistics include, with the column ``world`` added."""
         keys = ["participant", "session", "episode", "attempt"]
         episodes = self._tables.frame("episodes", [*keys, "world", "exclusion_reason"])
         included = episodes[episodes["exclusion_reason"].isna()][[*keys, "world"]]

@@ -39,9 +39,10 @@ def leave_out_navigation(
 
 
 def leave_out_discovery(blocks: pd.DataFrame, known_blocks: Collection[str]) -> pd.DataFrame:
-    """Return rows of blocks without the time until all keys were discovered in the blocks where keys were known.
+    """Return rows of blocks in which the measures of discovering keys are missing for the blocks ``known_blocks``.
 
-    ``known_blocks`` are the names of these blocks.
+    In these blocks the keys were shown or known before. The time until all keys were discovered is NaN there, and the
+    number of keys to discover is 0.
     """
     has_known_keys = blocks["block"].isin(known_blocks)
     if not has_known_keys.any():
@@ -70,7 +71,9 @@ def blank_goal_measures(blocks: pd.DataFrame, episodes: pd.DataFrame, analysis: 
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:
-    """Return the group and the block of every practice block.
+    """Return the group and the block of every practice block; an empty set without protocols.
+
+    ``protocols`` are the versions of the study's protocol, and ``groups`` the names of its groups.
 
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
@@ -97,7 +100,7 @@ def _list_practice(protocol: Protocol, groups: Sequence[str]) -> frozenset[tuple
 
 
 def is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    """Return whether each row belongs to a practice block."""
+    """Return whether each row belongs to a practice block; ``practice`` has the group and name of each such block."""
     if not practice:
         return pd.Series(False, rows.index, dtype=bool)
     pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])

@@ -23,8 +23,8 @@ class Attrition:
     def of(cls, plans: Sequence[PlanOutline], flow: ParticipantFlow | None) -> "Attrition":
         """Count participants and losses from the sessions' plans and the flow.
 
-        A participant who withdrew has no plan. A report on some of a study's sessions does not count such participants,
-        because it is not known which versions of the protocol they played.
+        A participant who withdrew has no plan. A report on some of a study's sessions does not count these among those
+        who took part, because it is not known which versions of the protocol they played.
         """
         groups = Counter({plan.participant: plan.group for plan in plans}.values())
         sessions = Counter(plan.session for plan in plans)

@@ -81,7 +81,11 @@ NAMES_IN_SENTENCES = {  # of MEASURES whose labels say how they are computed, wh
 
 
 def label_measure(name: str) -> str:
-    """Return the label of a measure for tables and figures, which says how the measure is computed."""
+    """Return the label of a measure for tables and figures, which says how the measure is computed.
+
+    Raises:
+        ReportError: if the name is neither one of `MEASURES` nor that of a study measure, ``KIND:ARGUMENT``.
+    """
     return MEASURES.get(name) or find_measure(name).label
 
 
@@ -94,7 +98,10 @@ Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol o
 
 
 def list_default_measures(rows: pd.DataFrame) -> list[str]:
-    """Return the measures that are compared if the protocol names none: those that have values."""
+    """Return the measures that are compared if the protocol names none: those of `MEASURES` that have values.
+
+    The measures in `ONLY_IF_NAMED` are omitted.
+    """
     return [name for name in MEASURES if name not in ONLY_IF_NAMED and rows[name].notna().any()]
 
 

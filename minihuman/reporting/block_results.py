@@ -63,7 +63,7 @@ class BlockSurvival:
 
 
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
-    """Collect survival times from a block's rows of the block table and its episodes.
+    """Collect survival times by group, in ``order``, from a block's rows of the block table and its episodes.
 
     Times to the goal are collected from included episodes only.
 
@@ -89,7 +89,7 @@ def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order
 
 
 def _collect_goal_times(episodes: pd.DataFrame, order: Sequence[str]) -> dict[str, SurvivalTimes]:
-    """Return the steps until the goal by group, one per episode; nothing if the block has no goal to reach."""
+    """Return the steps until the goal by group, one per episode; {} if the block has no goal to reach."""
     if lacks_goal(episodes):
         return {}
     goal: dict[str, SurvivalTimes] = {}
@@ -139,7 +139,10 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
 def compare_reward_parts(
     episodes: pd.DataFrame, order: Sequence[str], unit_names: Mapping[str, str]
 ) -> tuple[TwoPartComparison, ...]:
-    """Compare each pair of groups on both parts of the reward; return nothing if no episode has a reward of 0."""
+    """Compare each pair of groups on both parts of the reward; () unless some rewards are 0, some above, none below.
+
+    Return () also if no success is known. ``unit_names`` has, by group, the noun for units other than participants.
+    """
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair, unit_names) for pair in combinations(order, 2))
@@ -214,7 +217,7 @@ class BlockResults:
 
 
 def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
-    """Return the plural noun for the units of each group that has teams; groups without teams are left out."""
+    """Return the plural noun for the units of each group that has teams; groups without teams are omitted."""
     names: dict[str, str] = {}
     for group, codes in rows.groupby("group")["participant"]:
         is_team = codes.isin(teams)
@@ -297,10 +300,7 @@ def list_named_measures(analysis: AnalysisSpec) -> list[str]:
 
 
 def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> dict[str, str]:
-    """Return the measures that are not compared because they omit failures, with the reason.
-
-    Named measures are kept.
-    """
+    """Return the measures that are not compared because they omit failures, with the reason; none that is named."""
     late = int(episodes["success"].eq(False).sum())
     named_measures = list_named_measures(analysis)
     return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named_measures}
@@ -328,7 +328,7 @@ def _compare_growth(episodes: pd.DataFrame, order: Sequence[str]) -> GrowthCompa
 
 
 def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
-    """Yield the reliability of each measure for which episodes have values; times are analysed on a log scale."""
+    """Yield the reliability of each measure that episodes have; times are analysed on a log scale."""
     episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
     for name in measures:
         column = name.removesuffix("_mean")
@@ -487,13 +487,13 @@ def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
 
 
 def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
-    """Sort rows by group, keeping their order within each group."""
+    """Return rows sorted by group as in ``order``, keeping the order of rows within each group."""
     ranks = {group: rank for rank, group in enumerate(order)}
     return rows.sort_values("group", key=lambda groups: groups.map(ranks), kind="stable").reset_index(drop=True)
 
 
 def _describe_measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
-    """Return the number of values, mean and standard deviation of each measure, grouped by the columns in ``by``."""
+    """Return the columns measure, those in ``by``, n, mean and sd: a row per measure and group of rows."""
     long = rows.melt(by, names, var_name="measure")
     table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
     ranks = {name: rank for rank, name in enumerate(dict.fromkeys([*MEASURES, *names]))}

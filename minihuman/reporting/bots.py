@@ -63,9 +63,9 @@ class PressTimes:
     Attributes:
         intervals_ms: the times in milliseconds from each press to the next in its episode, an array of shape (n,).
         same: whether the next press is of the same key, an array of shape (n,).
-        firsts_ms: per episode, the time in milliseconds from its first picture to its first press.
-        holds_ms: the times in milliseconds for which keys were held, for presses with a release.
-        overlap: the share of presses before the previous key was released.
+        firsts_ms: per episode, the time in milliseconds from its reset to its first press.
+        holds_ms: how long keys were held, in milliseconds, one time per press with a release.
+        overlap: the share of presses, without each episode's first, that came before the previous key was released.
     """
 
     intervals_ms: Array
@@ -76,7 +76,10 @@ class PressTimes:
 
 
 def read_key_times(log: SessionLog) -> PressTimes:
-    """Read the key times of a session, from the episodes that a person played."""
+    """Read the key times of a session, from the episodes in which a key was pressed.
+
+    Without such an episode, the arrays are empty and the overlap is NaN.
+    """
     parts = [part for part in map(_read_episode_times, log.episodes) if part is not None]
     if not parts:
         return PressTimes(np.empty(0), np.empty(0, bool), np.empty(0), np.empty(0), np.nan)
@@ -173,7 +176,7 @@ def _compare_medians(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """Return the index of a measure's histogram bin that contains a value."""
+    """Return the index of a measure's histogram bin for a value, which is the outermost one if no bin contains it."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -181,15 +184,16 @@ def place_in_bin(name: str, value: float) -> int:
 def weigh_measures(
     measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
 ) -> tuple[float, dict[str, float]]:
-    """Compute log10 of the likelihood ratio of a person against a program, and each measure's contribution to it.
+    """Return log10 of the likelihood ratio of a person against a program, and each measure's contribution to it.
 
-    A measure's contribution compares the best-fitting kind of person with the best-fitting kind of program.
+    A measure's contribution compares the best-fitting kind of person with the best-fitting kind of program. Measures
+    that are NaN have none.
 
     Args:
         measured: the measures returned by `measure_key_times`.
         model: ``people`` and ``programs``, each a list of kinds with a ``weight`` and, by measure, the ``log10`` of
             each bin's probability; ``slope`` and ``intercept`` of the logistic regression.
-        bound: the largest log10 of a ratio that is reported in either direction.
+        bound: the largest absolute value of the returned log10; a larger one is clipped.
     """
     bins = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
     people_likelihood, best_person = _fit_kinds(model["people"], bins)
@@ -292,7 +296,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
 
 
 def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
-    """Yield facts that flag a session on their own: scripted keys, keys without focus, and pasted answers."""
+    """Yield facts each of which flags a session: scripted keys, keys without focus; with ``typing``, pasted answers."""
     scripted = sum(
         isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
         for note in log.notes
@@ -335,8 +339,8 @@ def _count_keys_without_focus(log: SessionLog) -> int:
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     """Find the sessions that share a run of key times with another session, as replayed logs do.
 
-    ``times`` has the key times of each session. Return, by the index of such a session, the index of the session with
-    which it shares a run, or of one of them if there are several.
+    ``times`` has the key times of each session. Return, by the index of each session found, the index of a session that
+    shares a run with it.
     """
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]

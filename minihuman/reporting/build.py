@@ -159,7 +159,7 @@ def _leave_out_practice(
 
 
 def _list_outlines(tables: Tables) -> list[PlanOutline]:
-    """Return the outlines of the plans of all sessions that could be read."""
+    """Return the outlines of the plans of all selected sessions that could be read."""
     return [session.outline for session in tables.sessions if session.outline is not None]
 
 
@@ -185,7 +185,7 @@ def _add_interaction(
 ) -> PageContent:
     """Add the interaction, the block whose comparison answers the question, and the answers without exclusion rules.
 
-    ``analysed`` is episodes and blocks without practice.
+    ``analysed`` holds the episodes and the blocks without practice.
     """
     interaction, first_block = _compute_interaction(report_input, analysed, results)
     without_rules = _answer_without_rules(tables, report_input)
@@ -195,7 +195,11 @@ def _add_interaction(
 def _compute_interaction(
     report_input: _ReportInput, analysed: tuple[pd.DataFrame, pd.DataFrame], results: Results
 ) -> tuple[InteractionResults | None, str]:
-    """Return the interaction of groups and conditions, and the block whose comparison answers the question."""
+    """Return the interaction of groups and conditions, and the block whose comparison answers the question.
+
+    The interaction is None unless the design is mixed, and the block is "" for none. ``analysed`` holds the episodes
+    and the blocks without practice.
+    """
     episodes, blocks = (rows[rows["exclusion_reason"].isna()] for rows in analysed)
     analysis = report_input.analysis
     design = report_input.design
@@ -239,9 +243,9 @@ def _add_figures(
     results: Results,
     out: Path,
 ) -> PageContent:
-    """Draw the figures, those that answer the study's question first.
+    """Return the contents with the figures, divided into those that answer the study's question and the others.
 
-    ``analysed`` is episodes and blocks without practice.
+    ``analysed`` holds the episodes and the blocks without practice.
     """
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
@@ -377,7 +381,10 @@ def _gather_content(
 def _compose_methods(
     tables: Tables, report_input: _ReportInput, results: Results, simulated: int, flow: FlowSection | None
 ) -> list[str]:
-    """Return the paragraphs of the methods section on the sessions that could be read, the sample after the first."""
+    """Return the paragraphs of the methods section; the description of the sample follows the first paragraph.
+
+    ``simulated`` is the number of sessions that no person played.
+    """
     participants_paragraph, *further_paragraphs = build_methods(
         _list_outlines(tables),
         [session.quality for session in tables.sessions if session.quality is not None],
@@ -395,7 +402,7 @@ def _compose_methods(
 
 
 def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
-    """Tabulate the NASA Task Load Index of the included participants by condition; None if there are not several."""
+    """Tabulate the NASA Task Load Index of included participants by condition; None for fewer than two conditions."""
     people = report_input.participants
     people = people[people["exclusion_reason"].isna()][["participant", "group"]].drop_duplicates("participant")
     return task_load_table(
@@ -412,7 +419,7 @@ def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
 
 
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
-    """Fit the mixed model of a block's growth; None without growth, or for teams, whose members share episodes."""
+    """Fit the mixed model of a block's growth; None without growth or enough people, or for teams (shared episodes)."""
     if block.growth is None or block.teams:
         return None
     rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
@@ -453,7 +460,7 @@ def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, 
 
 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
-    """Return the analysis that the protocol planned; an empty one if its versions name different analyses."""
+    """Return the analysis that the protocol planned; an empty one without protocols or if its versions differ in it."""
     analyses = {protocol.analysis for protocol in protocols}
     if len(analyses) == 1:
         return analyses.pop()
@@ -461,7 +468,7 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
-    """Return the experimental design that the protocol states; an empty one if its versions differ."""
+    """Return the experimental design that the protocol states; an empty one without protocols or if versions differ."""
     designs = {derive_design(protocol) for protocol in protocols}
     if len(designs) == 1:
         return designs.pop()

@@ -71,7 +71,8 @@ def _name_units(order: OrderSpec) -> Iterator[str]:
 def name_allocated(protocols: Sequence[Protocol], *, has_groups: bool, has_keys: bool) -> str:
     """Return the words for what the allocation list assigned: groups, keys, orders or only slots.
 
-    It assigns no group if an adaptive design does, or if the study has only one group.
+    It assigns no group if an adaptive design does, or if the study has only one group. ``has_groups`` says whether the
+    sessions were of several groups, and ``has_keys`` whether keys were drawn.
     """
     by_design = any(protocol.allocation.design for protocol in protocols)
     has_groups = has_groups or any(len(protocol.groups) > 1 for protocol in protocols)
@@ -84,7 +85,7 @@ def name_allocated(protocols: Sequence[Protocol], *, has_groups: bool, has_keys:
 
 
 def describe_team(spec: BlockSpec | None) -> str:
-    """State how many people and which agents play a block together; "" unless there are at least two players."""
+    """Return a clause on how many people and which agents play a block together; "" for fewer than two players."""
     if spec is None or spec.team is None or len(spec.team.seats) < 2:
         return ""
     n_people = len(spec.team.persons)

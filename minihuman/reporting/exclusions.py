@@ -24,7 +24,7 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
 
 
 def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
-    """Return the exclusion reason of each participant's first session; "" if any of the sessions is included."""
+    """Return, by participant, the exclusion reason of the first session; "" if any of the sessions is included."""
     reasons: dict[str, str] = {}
     for row in to_records(participants):
         code = str(row["participant"])
@@ -43,7 +43,8 @@ def count_excluded(participants: pd.DataFrame) -> dict[str, int]:
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
     """List the excluded sessions with their reasons, then the excluded episodes of all other sessions.
 
-    The level of an excluded session is "session" if another session of the participant is included, else "participant".
+    The columns are exclusion_reason, level, participant, session, and episode and attempt if it is an episode. The
+    level of an excluded session is "session" if another session of the participant is included, else "participant".
     """
     people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]

@@ -54,7 +54,7 @@ def _list_clauses(episodes: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def clauses_table(rows: pd.DataFrame) -> Table | None:
-    """Tabulate how many clauses of instructions were completed; None if no world had instructions."""
+    """Tabulate how many clauses of instructions were completed, from ``count_clauses``; None if that has no rows."""
     cells = [_list_clause_cells(row) for row in to_records(rows)]
     if not cells:
         return None

@@ -72,7 +72,7 @@ class InteractionResults:
 
     @property
     def measure(self) -> str:
-        """Return the primary measure, or the first measure that has values."""
+        """Return the primary measure, or the first measure that has values; "" if there is none."""
         return min(self.roles, key=lambda name: self.roles[name] != "primary", default="")
 
     @property
@@ -129,7 +129,7 @@ def _list_measures(rows: pd.DataFrame, analysis: AnalysisSpec) -> list[str]:
 
 
 def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
-    """Return the rows of the blocks that are compared, with their condition in a column."""
+    """Return the rows of the blocks that are compared, with their condition in the column ``condition``."""
     condition_of_block = dict(design.condition_of_block)
     compared = rows[rows["block"].isin(condition_of_block)]
     return compared.assign(condition=compared["block"].map(condition_of_block))
@@ -140,7 +140,8 @@ def choose_first_block(
 ) -> str:
     """Return the block whose group comparison answers the study's question; "" if the interaction answers it.
 
-    In a mixed design the last block that all groups play is an arbitrary condition, unless the protocol names it.
+    The interaction answers it if the design says so and the protocol names no block: the last block that all groups
+    play is then an arbitrary condition. Otherwise, return ``results.target``, which can also be "".
     """
     answers_by_interaction = interaction is not None and design.primary_effect == "interaction"
     if answers_by_interaction and not analysis.block:
@@ -168,7 +169,16 @@ def _compare_contrasts(
     *,
     intervals: bool,
 ) -> tuple[ContrastComparison, ...]:
-    """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm).
+
+    Args:
+        tables: by measure, a row per group and participant and a column per condition, without missing values.
+        contrasts: the contrasts between conditions.
+        groups: the groups, in order.
+        roles: the role of each measure.
+        logs: the measures that are logarithms.
+        intervals: whether to compute intervals, which take most of the time.
+    """
     corrected: list[ContrastComparison] = []
     for role in get_args(Role):
         names = []
@@ -193,7 +203,10 @@ def _compare_scores(
     is_log: bool,
     intervals: bool,
 ) -> GroupComparison:
-    """Compare two groups on their participants' scores of a contrast: weighted sums of the values in its conditions."""
+    """Compare two groups on their participants' scores of a contrast: weighted sums of the values in its conditions.
+
+    ``table`` has a row per group and participant, and a column per condition.
+    """
     weight_of_condition = dict(contrast.weights)
     weights = np.array(list(weight_of_condition.values()))
     scores = []
@@ -208,7 +221,10 @@ def _compare_scores(
 def _test_omnibus(
     tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role], design: ExperimentDesign
 ) -> tuple[OmnibusInteraction, ...]:
-    """Test all groups and conditions together, unless there is only one degree of freedom or contrasts are planned."""
+    """Test all groups and conditions together; () if there is one degree of freedom or the design states contrasts.
+
+    ``tables`` has, by measure, a row per group and participant and a column per condition, without missing values.
+    """
     has_one_degree_of_freedom = len(groups) == 2 and len(design.conditions) == 2
     if design.contrasts or has_one_degree_of_freedom:
         return ()
@@ -224,7 +240,7 @@ def _test_omnibus(
 
 
 def state_interaction(interaction: InteractionResults) -> Iterator[str]:
-    """Yield sentences on whether the difference between conditions depends on the group, for the primary measure."""
+    """Yield sentences on whether differences between conditions depend on the group, for ``interaction.measure``."""
     name = phrase_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
@@ -241,7 +257,10 @@ def state_interaction(interaction: InteractionResults) -> Iterator[str]:
 
 
 def _state_omnibus(opening: str, test: InteractionTest, interaction: InteractionResults) -> str:
-    """State whether differences between conditions depend on the group, by the test of all groups and conditions."""
+    """State whether differences between conditions depend on the group, by the test of all groups and conditions.
+
+    ``opening`` is the beginning of the sentence, which names the measure.
+    """
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
@@ -256,7 +275,10 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
 
 
 def _summarise_contrasts(opening: str, interaction: InteractionResults) -> str:
-    """State in how many comparisons the difference between conditions depends on the group, and in which."""
+    """State in how many comparisons the difference between conditions depends on the group, and in which.
+
+    ``opening`` is the beginning of the sentence, which names the measure.
+    """
     comparisons = interaction.headline
     significant = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
     kind = "ratio" if any(compared.groups.is_log for compared in comparisons) else "difference"
@@ -279,7 +301,7 @@ def _list_sizes(compared: ContrastComparison) -> Iterator[tuple[str, int]]:
 
 
 def _state_pairs(comparisons: Sequence[ContrastComparison]) -> str:
-    """State how much each pair of groups differs on one contrast, or why it is not compared."""
+    """State how much each pair of groups differs on the one contrast of the comparisons, or why it is not compared."""
     return f"{name_contrast(comparisons[0])}: {'; '.join(_state_pair(compared.groups) for compared in comparisons)}."
 
 
@@ -300,7 +322,7 @@ def name_contrast(compared: ContrastComparison) -> str:
 
 
 def _state_contrast(opening: str, compared: ContrastComparison) -> str:
-    """State in one sentence how much two groups differ on a contrast, or why they are not compared."""
+    """State how much two groups differ on a contrast, or why they are not compared, after the words ``opening``."""
     groups = compared.groups
     subject = f"{opening}: {name_contrast(compared)}, {format_pair(groups.first, groups.second, is_log=groups.is_log)}"
     if groups.reason and math.isnan(groups.p):
@@ -379,7 +401,7 @@ def _list_contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
 
 
 def cells_table(interaction: InteractionResults) -> Table:
-    """Tabulate the primary measure's mean and SD over participants, by group and condition."""
+    """Tabulate the mean and SD over participants of ``interaction.measure``, by group and condition."""
     rows = []
     for group in interaction.groups:
         values = _select_group(interaction.cells, group)

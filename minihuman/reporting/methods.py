@@ -145,7 +145,10 @@ def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mappi
 
 
 def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
-    """State where the keys of later sessions came from, because the allocation list has only the first session's."""
+    """State where keys that later sessions drew anew came from; "" if none did.
+
+    The allocation list has only the keys of the first session.
+    """
     for plan in plans:
         if plan.session <= 1:
             continue
@@ -176,7 +179,10 @@ def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
 
 
 def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
-    """State within which strata groups were drawn, and the number of participants by stratum and group."""
+    """State within which strata groups were drawn, and the number of participants by stratum and group; "" without any.
+
+    ``by_design`` says whether an adaptive design assigned the groups.
+    """
     allocations = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
     if not allocations:
         return ""
@@ -198,7 +204,7 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
     """State how many sessions were simulated; "" if none was.
 
-    "on record" is added if participants withdrew, because it is unknown whether erased sessions were simulated.
+    If all were, "on record" is added where participants withdrew: erased sessions may not have been simulated.
     """
     if not simulated:
         return ""
@@ -359,7 +365,7 @@ def _describe_keys(block_plan: EpisodePlan) -> str:
 
 
 def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """State the rule that decides an episode's outcome, unless it is the default of a shipped world."""
+    """State the rule that decides an episode's outcome; "" if it is the default rule in a shipped world."""
     if is_of_catalogue(block_plan.world) and block_plan.outcome_rule == LAST_REWARD:
         return ""
     rule = describe_rule(block_plan.outcome_rule)
@@ -390,7 +396,7 @@ def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_pace(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """State whether keys or a clock triggered the steps; for a clock, also its period and what no key did."""
+    """State whether keys or a clock triggered steps; for a clock, also its period and the action without a key."""
     if block_plan.pace == "on_key":
         step = "each press of a key made one step"
         if block_plan.auto_repeat:
@@ -448,7 +454,7 @@ def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[Recordi
 
 
 def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str]:
-    """Return the distinct values that the sessions' logs record under a name of software."""
+    """Return the distinct values, sorted, that the sessions' logs record under a key of their software, as "python"."""
     recorded = sorted({run[name] for quality in qualities for run in quality.software if name in run})
     if name != "git_commit":
         return recorded
@@ -456,7 +462,7 @@ def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str
 
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
-    """State which blocks the page stepped and drew itself; "" if there were none."""
+    """State which blocks were computed and drawn by the web page's kernels, ahead of the server; "" if none were."""
     sessions_with_kernels = {
         (quality.participant, quality.session)
         for quality in qualities

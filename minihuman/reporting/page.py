@@ -76,7 +76,7 @@ def read_published_subjects() -> pd.DataFrame:
 def is_published_study(protocols: Collection[str]) -> bool:
     """Return whether all sessions used the published study's protocol.
 
-    ``protocols`` are the SHA-256 of protocol files.
+    ``protocols`` are the SHA-256 of the sessions' protocol files; without any, return False.
     """
     return bool(protocols) and _PUBLISHED_PROTOCOLS.issuperset(protocols)
 
@@ -309,14 +309,14 @@ def _list_groups_with_keys(block: BlockResults, content: PageContent) -> Sequenc
 
 
 def _find_only_group(block: BlockResults, results: Results) -> str:
-    """Return the only group that played a block in a study with several groups; "" if several groups played it."""
+    """Return the only group that played a block in a study with several groups; "" for any other block."""
     if len(block.groups) == 1 and len(results.order) > 1:
         return str(block.groups["group"].iloc[0])
     return ""
 
 
 def _list_differences(block: BlockResults, first_block: str) -> list[str]:
-    """State the group differences in a block, unless they are among the answers at the top of the page."""
+    """State the group differences in a block; [] if they are among the answers at the top of the page."""
     if block.block == first_block and len(block.groups) > 1:
         return []
     return [difference_statement(comparison, block.block, block.team_units) for comparison in block.headline]
@@ -331,7 +331,7 @@ def _name_only_pair(block: BlockResults) -> str:
 
 
 def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
-    """Return the comparisons that have a note of the given kind, each with the note."""
+    """Return, for each comparison with a note of the given kind, its ``measure`` and, as ``why``, groups and note."""
     return [
         {
             "measure": label_measure(comparison.measure),
@@ -343,7 +343,7 @@ def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> lis
 
 
 def _compare_with_published(results: Results) -> dict[str, Any] | None:
-    """Return the template's variables that compare the published study's subjects with this study's."""
+    """Return the template's variables that compare the published subjects with this study's; None without a target."""
     block = results.target_block
     if block is None:
         return None

@@ -46,7 +46,7 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
 
 
 def looks_table(looks: Sequence[LookTaken]) -> Table | None:
-    """Tabulate the looks at a sequential study, one row each; None if there are none."""
+    """Tabulate the interim looks at a sequential study, one row each; None if there are none."""
     if not looks:
         return None
     estimate_names = dict.fromkeys(name for look in looks for name in look.estimates)

@@ -50,7 +50,7 @@ def conditions_table(within: WithinResults) -> Table | None:
 
 
 def crossover_table(within: WithinResults) -> Table | None:
-    """Tabulate the effects of position and carry-over; None if all participants have the same order."""
+    """Tabulate the effects of position and carry-over; None if neither could be tested, as with a single order."""
     rows = [
         (
             label_measure(term.measure),
@@ -72,7 +72,10 @@ def crossover_table(within: WithinResults) -> Table | None:
 
 
 def survival_table(survival: BlockSurvival) -> Table | None:
-    """Tabulate the comparisons of key discovery; participants who never discovered all keys are censored."""
+    """Tabulate the comparisons of key discovery; None if there are none.
+
+    Participants who never discovered all keys are censored.
+    """
     rows = [
         (
             format_pair(first, second),
@@ -93,7 +96,7 @@ def survival_table(survival: BlockSurvival) -> Table | None:
 
 
 def reliability_table(reliabilities: Sequence[Reliability], *, are_trials: bool = False) -> Table | None:
-    """Tabulate how well each measure distinguishes participants; None if there are no measures."""
+    """Tabulate how well each measure distinguishes participants; None if no reliability was estimated."""
     rows = [
         (
             label_measure(reliability.measure),

@@ -25,7 +25,7 @@ class Results:
     """A study's results, block by block in the order of play."""
 
     blocks: tuple[BlockResults, ...]
-    target: str  # the last block that all groups played; "" without any
+    target: str  # the block that the protocol names, else the last one that all groups played; "" without any
     order: tuple[str, ...]  # of the groups, in every comparison and figure
     within: WithinResults | None  # the conditions that the protocol compares within participants
     included: tuple[int, int]  # participants and episodes included
@@ -95,12 +95,15 @@ def compute_results(
 
 
 def _compare_blocks(blocks: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign) -> WithinResults | None:
-    """Compare conditions that are blocks, or the contrasts between them that the design states."""
+    """Compare conditions that are blocks, or the contrasts between them that the design states; None without any."""
     return compare_within(*name_conditions(blocks, analysis, design), design.contrasts)
 
 
 def _order_groups(blocks: pd.DataFrame) -> list[str]:
-    """Return the groups by their number of blocks, most first, because a transfer effect depends on earlier blocks."""
+    """Return the groups by their number of blocks, most first, because a transfer effect depends on earlier blocks.
+
+    Groups with as many blocks are in alphabetical order.
+    """
     counts = blocks.groupby("group")["block"].nunique()
     return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
 

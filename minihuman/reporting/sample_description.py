@@ -48,7 +48,10 @@ def describe_sample(people: PersonTable | None, groups: Mapping[str, str]) -> li
 
 
 def _describe_numbers(column: TableColumn, numbers: Mapping[str, float], groups: Mapping[str, str]) -> str:
-    """Return a sentence with mean, standard deviation and range, and the mean and standard deviation of each group."""
+    """Return a sentence with mean, standard deviation and range, and the mean and standard deviation of each group.
+
+    ``numbers`` has the column's numbers, and ``groups`` the groups of all included participants, by code.
+    """
     text = _format_mean_sd(list(numbers.values()))
     if len(numbers) > 1:
         text += f", range {min(numbers.values()):g} to {max(numbers.values()):g}"
@@ -59,7 +62,10 @@ def _describe_numbers(column: TableColumn, numbers: Mapping[str, float], groups:
 
 
 def _describe_levels(column: TableColumn, levels: Mapping[str, str], groups: Mapping[str, str]) -> str:
-    """Return a sentence with the number of participants of each level, and of each level in each group."""
+    """Return a sentence with the number of participants of each level, and of each level in each group.
+
+    ``levels`` has the participants' levels in words, and ``groups`` the groups of all included participants, by code.
+    """
     by_group = "".join(f"; {group}: {_format_counts(part)}" for group, part in _divide_by_group(levels, groups))
     counts = _format_counts(list(levels.values()))
     return f"{_name_column(column)}: {counts}{_describe_missing(len(levels), len(groups))}{by_group}."

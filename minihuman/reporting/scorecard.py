@@ -112,7 +112,7 @@ def build_scorecard(
     Args:
         studies: the studies' folders.
         reference: the player whose score is 1; by default people or, if there are none, the players most like them.
-        selection: the rule for which episodes are included.
+        selection: the rule that decides which episodes are included; None for the default selection.
         seed: the random seed of the bootstrap.
         draws: the number of bootstrap draws.
 
@@ -221,7 +221,10 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
-    """Read the included episodes without practice and the answers, each with its player, and the costs of models."""
+    """Read the included episodes without practice and the answers, each with its player, and the costs of models.
+
+    The episodes that models left unfinished are added as failures.
+    """
     columns = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
     tables.require((*columns, "model_calls"), shortest_paths=True)
     episodes, participants, answers = (tables.frame(name, names) for name, names in columns.items())
@@ -306,7 +309,7 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
 
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
-    """Return the name of each player on the scorecard: of a policy, the file name if it is unambiguous."""
+    """Return each player's name on the scorecard, by player: for a policy, the file name if no other has the same."""
     names = {player: _shorten_player(player) for player in players}
     name_counts = Counter(names.values())
     ambiguous = {player: player for player, name in names.items() if name_counts[name] > 1}
@@ -391,7 +394,7 @@ def _list_notes(lines: Sequence[ScoredPlayer], reference: str, label: str, playe
 
 
 def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
-    """Write the table as CSV and Markdown, the answers (if any) as CSV, and the figure; return the paths."""
+    """Write the scores as CSV and Markdown, the answers (if any) as CSV, and the figure; return the paths."""
     out.mkdir(parents=True, exist_ok=True)
     page = out / f"{stem}.md"
     page.write_text(format_scorecard(card), encoding="utf-8", newline="\n")
@@ -403,7 +406,7 @@ def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tupl
 
 
 def write_score_table(card: Scorecard, path: Path) -> Path:
-    """Write the table as CSV, with separate columns for the bounds of each interval; return the path."""
+    """Write a line per player as CSV, with separate columns for the bounds of each interval; return the path."""
     lines = [_list_columns(line) for line in card.players]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, lines[0], lineterminator="\n")
@@ -413,13 +416,13 @@ def write_score_table(card: Scorecard, path: Path) -> Path:
 
 
 def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
-    """Draw the scores with their intervals, and the success over the episodes of a block, as PNG and PDF."""
+    """Draw scores with intervals, and success over a block's episodes; return the paths of the PNG and the PDF file."""
     bars = [(line.player, line.score, line.success_by_episode) for line in card.players]
     return draw_figure_files(stem, "estimation.score_figure", bars, reference=card.reference)
 
 
 def format_scorecard(card: Scorecard) -> str:
-    """Format the table as Markdown, followed by the notes needed to interpret it."""
+    """Return the table of scores as Markdown, followed by the answers and by the notes that explain the scores."""
     heads = "player | runs | levels | success | efficiency | normalised | relative efficiency | excess steps | price"
     rows = [" | ".join(_list_cells(line)) for line in card.players]
     n_columns = heads.count("|") + 1

@@ -28,9 +28,9 @@ def answers_table(answers: pd.DataFrame, groups: Sequence[str] = ()) -> Table | 
     """Tabulate every question: the counts of each answer, or its mean and range, and the median response time.
 
     A question asked in several sessions, or several times in one session, has a row for each time, because the answers
-    of different days or after different blocks are not comparable. With several ``groups`` it has a row for each of
-    them, in their order. ``answers`` has the column ``after``, the block to which the answers belong; without it, times
-    are numbered.
+    of different days or after different blocks are not comparable. With several ``groups``, a question has a row for
+    each group, in their order. ``answers`` has the column ``after``, the block to which the answers belong; without it,
+    times are numbered.
 
     Return None if there are no answers.
     """
@@ -184,7 +184,7 @@ def _state_untimed(qualities: Sequence[RecordingQuality]) -> Iterator[str]:
 
 
 def _is_timed(quality: RecordingQuality) -> bool:
-    """Return whether a session had a display and a keyboard; a simulated window has its own clock."""
+    """Return whether a session recorded a display other than that of a simulated window, which measures no time."""
     return any(display.get("window") != "simulated" for display in quality.displays)
 
 
@@ -196,7 +196,7 @@ class ExclusionsSection(NamedTuple):
 
 
 def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
-    """Build the section on exclusions; None if nothing is excluded.
+    """Build the section on exclusions from the rows of ``list_exclusions``; None if nothing is excluded.
 
     In the totals, a participant who is excluded in several sessions counts once.
     """
@@ -221,7 +221,7 @@ def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
 
 
 def skipped_table(logs: Sequence[SkippedLog]) -> Table:
-    """Tabulate the logs that could not be read, with the reasons."""
+    """Tabulate the skipped logs, such as those that cannot be read, with the reasons."""
     return Table(("log", "reason"), [(str(log.path), log.reason) for log in logs], words=2)
 
 

@@ -120,7 +120,7 @@ def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
 
 
 def _state_ratio(comparison: GroupComparison | PairedComparison) -> str:
-    """State a difference of log steps as a ratio of steps; "" for other measures."""
+    """State a difference of log steps as a ratio of steps; "" for other measures, or without an interval."""
     quantity = _RATIO_OF.get(comparison.measure)
     if quantity is None or math.isnan(comparison.interval[0]):
         return ""
@@ -161,7 +161,10 @@ def state_contrast_verdict(difference: float, p: float) -> str:
 
 
 def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Role]) -> str:
-    """State in one sentence whether two groups are shown to be equivalent."""
+    """State in one sentence whether two groups are shown to be equivalent.
+
+    ``roles`` are those of the block's measures, exactly one of which is primary: the one that was tested.
+    """
     (primary,) = (name for name, role in roles.items() if role == "primary")
     test = equivalence.test
     groups = f"{equivalence.first} and {equivalence.second}"
@@ -176,7 +179,7 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
 
 
 def power_statement(power: PowerAnalysis, units: str = "participants") -> str:
-    """State in one sentence which differences the sample could detect."""
+    """State in one sentence which differences the sample could detect; ``units`` is the plural noun for its units."""
     sizes = f"{power.n[0]} and {power.n[1]} {units}"
     if math.isnan(power.power_for_large):
         return f"Power: with {sizes} no difference between groups can be tested."

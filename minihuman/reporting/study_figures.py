@@ -67,7 +67,10 @@ def _shorten(label: str) -> str:
 def draw_estimates(
     blocks: pd.DataFrame, results: Results, out: Path, teams: pd.DataFrame | None = None
 ) -> Iterator[ReportFigure]:
-    """Draw every participant's value and the group differences on each block's main measure; a team has one value."""
+    """Yield a figure per block of every participant's value and the groups' differences on the block's main measure.
+
+    A team has one value. A block without comparisons or values has no figure. ``out`` is the folder of the figures.
+    """
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], teams)
     for block in results.blocks:
         if not block.headline:
@@ -114,7 +117,7 @@ def _describe_differences(*, n: int, are_ratios: bool) -> str:
 
 
 def draw_interaction(interaction: InteractionResults, out: Path, condition_label: str = "") -> ReportFigure:
-    """Draw every participant's value by group and condition, and the interaction's contrasts.
+    """Return a figure of every participant's value by group and condition, and of the interaction's contrasts.
 
     Args:
         interaction: the results to draw.
@@ -166,7 +169,10 @@ def _name_unit(block: BlockResults) -> str:
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
-    """Draw every participant's value in each condition, and the differences within participants."""
+    """Return a figure of every participant's value in each condition, and of the differences within participants.
+
+    ``out`` is the folder of the figures.
+    """
     label = phrase_measure(within.measure)
     is_log = any(comparison.is_log for comparison in within.headline)
     differences = [
@@ -213,7 +219,10 @@ REACTION_TIME_QUERY = f"""
 
 
 def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw the distribution of each participant's reaction times, block by block."""
+    """Yield a figure per block of the distribution of each participant's reaction times.
+
+    ``times`` is the result of ``REACTION_TIME_QUERY``; a block without reaction times has no figure.
+    """
     for block in results.blocks:
         rows = times[times["block"] == block.block]
         if rows.empty:
@@ -242,7 +251,10 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
 def draw_learning_curves(
     episodes: pd.DataFrame, results: Results, out: Path, teams: pd.DataFrame | None = None
 ) -> Iterator[ReportFigure]:
-    """Draw the learning curves of every block, by group; a team is one curve, the mean of its members."""
+    """Yield a figure of the groups' learning curves for each block of several episodes and each measure of `CURVES`.
+
+    A team is one curve, the mean of its members. A measure without values in a block has no figure.
+    """
     included = _average_members(episodes[episodes["exclusion_reason"].isna()], teams)
     for block in results.blocks:
         rows = included[included["block"] == block.block]
@@ -291,7 +303,7 @@ def _describe_curves(*, has_lines: bool) -> str:
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw each block's main measure session by session, for blocks played in several sessions."""
+    """Yield a figure of the main measure, session by session, for each block that was played in several sessions."""
     included = blocks[blocks["exclusion_reason"].isna()]
     for block in results.blocks:
         rows = included[included["block"] == block.block]
@@ -324,7 +336,7 @@ def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator
 
 
 def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw the survival curves of reaching the goal and of discovering all keys, block by block."""
+    """Yield figures of the survival curves of reaching the goal and of discovering all keys, for blocks with times."""
     for block in results.blocks:
         if block.waits.goal:
             waiting = "episodes that have not reached the goal"
@@ -360,9 +372,9 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
 
 
 def draw_paths(tables: Tables, out: Path, *, has_practice: bool = False) -> Iterator[ReportFigure]:
-    """Draw the paths of one session per group: of those with the most blocks, the first; practice is included.
+    """Yield a figure per group of the paths of one session: of those with the most blocks, the first.
 
-    ``has_practice`` adds to the caption that the figure includes practice.
+    Practice is included; ``has_practice`` says so in the caption. A session without maps has no figure.
     """
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):

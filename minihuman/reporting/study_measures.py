@@ -50,8 +50,8 @@ class StudyMeasure(ABC):
 class AnswerScore(StudyMeasure):
     """``answer:QUESTIONS.ITEM`` is the answer as a number; ``answer:QUESTIONS`` is the mean of all numeric items.
 
-    Questions asked after several blocks have a value for each of them, namely the last block played before the
-    questions.
+    If the questions were asked after several blocks, each of these blocks has a value; an answer belongs to the block
+    that was played last before it.
     """
 
     def __init__(self, argument: str) -> None:
@@ -63,7 +63,7 @@ class AnswerScore(StudyMeasure):
         self.label = f"answer to {argument}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the mean of the last answers per session or, if a session asked several times, per block before."""
+        """Return the mean of the last answers per session or, if a session asked several times, per preceding block."""
         answers = tables["answers"]
         answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
@@ -111,7 +111,7 @@ class BlockValue(StudyMeasure):
         self.label = f"{self.measure} in block {self.block}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the measure's column for the other block."""
+        """Return the measure's column for the other block; raise ReportError if the table of blocks lacks it."""
         rows = tables["blocks"]
         if self.measure not in rows:
             raise ReportError(
@@ -256,14 +256,16 @@ def find_measure(name: str) -> StudyMeasure:
 
 
 def _keep_included(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that have no reason for exclusion."""
+    """Return the rows that have no reason for exclusion; all rows of a table without a column of reasons."""
     if "exclusion_reason" not in table:
         return table
     return table[table["exclusion_reason"].isna()]
 
 
 def add_measures(rows: pd.DataFrame, tables: Tables, names: Iterable[str]) -> pd.DataFrame:
-    """Add a column for each of the measures to rows of the table of blocks; NaN where a measure has no value.
+    """Return rows of the table of blocks with a column for each measure in ``names``; NaN where it has no value.
+
+    ``tables`` holds the study's tables by name, from which the measures are computed.
 
     Raises:
         ReportError: if a measure is unknown, or returns other columns than it should.

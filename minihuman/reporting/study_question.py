@@ -15,7 +15,7 @@ def ask_question(
     design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
-    """State in one sentence what the study compares, after the protocol's own question if it has one."""
+    """State what the study compares, or why nothing is compared, after the question that the protocol asks, if any."""
     own_question = ""
     if design and design.question:
         own_question = f"{design.question} "
@@ -72,7 +72,7 @@ def _explain_no_comparison(results: Results, design: ExperimentDesign | None) ->
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Join names into a list for a sentence, with "and" before the last."""
+    """Join one or more names into a list for a sentence, with "and" before the last."""
     if len(names) > 1:
         return f"{', '.join(names[:-1])} and {names[-1]}"
     return names[0]

@@ -52,12 +52,12 @@ class Table:
     words: int = 1
 
     def __add__(self, other: "Table") -> "Table":
-        """Append the rows of another table with the same headings."""
+        """Return this table with the rows of another one appended, which must have the same headings."""
         return replace(self, rows=(*self.rows, *other.rows))
 
     @property
     def shown(self) -> Sequence[Sequence[Cell]]:
-        """Return the rows that are shown on the page."""
+        """Return the rows that are shown on the page: all, or the first ``_MOST_SHOWN`` of a longer table."""
         return self.rows[:_MOST_SHOWN]
 
     @property
@@ -124,7 +124,10 @@ def format_explained_variance(variance: ExplainedVariance) -> str:
 def format_difference(
     value: float, bounds: tuple[float, float], *, is_log: bool, sign: str = "-", digits: int = 3
 ) -> str:
-    """Format a difference with its interval; a difference of logarithms is shown as a ratio."""
+    """Format a difference with its interval, if it has one; a difference of logarithms is shown as a ratio.
+
+    ``digits`` and, except for ratios, ``sign`` are those of ``format_number``.
+    """
     if not is_log:
         return format_with_interval(value, bounds, digits, sign=sign)
     ratio = format_with_interval(math.exp(value), (math.exp(bounds[0]), math.exp(bounds[1])), digits)

@@ -35,7 +35,7 @@ class WithinResults:
 
     @property
     def measure(self) -> str:
-        """Return the primary measure, or the first measure that has values."""
+        """Return the primary measure, or the first measure that has values; "" if there is none."""
         return _find_main_measure(self.roles)
 
     @property
@@ -121,7 +121,10 @@ def _tabulate_cells(rows: pd.DataFrame, roles: Mapping[str, Role], analysis: Ana
 
 
 def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:
-    """Test position and carry-over in the first session of each condition; no test if the order is always the same."""
+    """Test position and carry-over in the first session of each condition; no test if the order is always the same.
+
+    ``scaled`` has a row per participant, session and condition, with the row's position in the session as ``place``.
+    """
     first = scaled.sort_values(["session", "place"]).drop_duplicates(["participant", "block"]).sort_values("place")
     order = first.groupby("participant", sort=False)
     first = first.assign(position=order.cumcount() + 1, before=order["block"].shift().fillna(""))

@@ -138,7 +138,9 @@ def compare_pair(
 
 
 def _describe_skew(comparison: GroupComparison, a: Values, b: Values) -> str:
-    """Return a phrase that says which group is skewed, if the groups are skewed so unequally that p may not hold.
+    """Return a phrase that names the more skewed group if the groups are so unequally skewed that p may not hold.
+
+    Otherwise, or if a group has fewer than LEAST_ESTIMATED participants, return "".
 
     No test of means holds for every pair of distributions (Bahadur and Savage, 1956). Of log-normal values of 12
     participants (SD of logarithms 1.2) against normal ones of 40, a true null hypothesis is rejected in 9 to 22 % of

@@ -69,7 +69,8 @@ def estimate_explained_variance(
 def _find_noncentrality(f: float, freedom: tuple[float, float], probability: float) -> float:
     """Return the noncentrality at which F is below ``f`` with the given probability.
 
-    It is 0 if even the central F is below ``f`` with a smaller probability, and at most ``_LARGEST``.
+    It is 0 if even the central F is below ``f`` with a smaller probability, and at most ``_LARGEST``. ``freedom`` holds
+    the degrees of freedom of the effect and the residual ones.
     """
 
     def surplus(noncentrality: float) -> float:

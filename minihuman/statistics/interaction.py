@@ -94,14 +94,23 @@ class _LowerLimit:
 
 
 def _find_lower_limit(scores: Sequence[Values], observed: float, scale: float) -> tuple[_LowerLimit, float]:
-    """Return the lower limit of p, and the residual degrees of freedom of the F distribution near the statistic's."""
+    """Return the lower limit of p, and the residual degrees of freedom of the F that approximates the statistic.
+
+    Args:
+        scores: per group, the contrast scores, of shape (participants, contrasts)
+        observed: the observed statistic
+        scale: the largest variance of all scores, as ``_measure_scale`` returns it
+    """
     if len(scores) == 2:
         return _approximate_p(scores, observed)
     return _bootstrap_p(scores, observed, scale), _approximate_freedom(scores)
 
 
 def _measure_scale(pooled: Values) -> float:
-    """Return the largest variance in any direction; 0 if only rounding errors vary."""
+    """Return the largest variance that a direction of the space of contrasts has; 0 if only rounding errors vary.
+
+    ``pooled`` holds the contrast scores of all groups, of shape (participants, contrasts).
+    """
     largest = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(pooled, rowvar=False)))[-1])
     if largest > _SINGULAR**2 * float((pooled**2).max()):
         return largest
@@ -178,7 +187,10 @@ def _approximate_p(scores: Sequence[Values], observed: float) -> tuple[_LowerLim
 
 
 def _approximate_freedom(scores: Sequence[Values]) -> float:
-    """Return the residual degrees of freedom of the F to which the statistic is close (Johansen, 1980)."""
+    """Return the residual degrees of freedom of the F that approximates the statistic (Johansen, 1980).
+
+    ``scores`` holds, per group, the contrast scores of shape (participants, contrasts).
+    """
     weights = [np.linalg.inv(np.atleast_2d(np.cov(group, rowvar=False)) / len(group)) for group in scores]
     total_inverse = np.linalg.inv(sum(weights))
     contrasts = len(total_inverse)

@@ -55,11 +55,11 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     shares = np.column_stack([np.ones(len(at)), *((valid["group"] == group).to_numpy(float) for group in other_groups)])
     design = np.column_stack([shares, shares * at[:, None], valid[measure].to_numpy(float)])
     if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
-        return MixedModel(False, people, ())
+        return MixedModel(False, people, ())  # no slopes, no terms
     fits = [_fit_reml(design, at, begins, free) for free in range(4)]  # by the number of covariance parameters
     fit = _choose_fit(fits)
     if fit is None:
-        return MixedModel(False, people, ())
+        return MixedModel(False, people, ())  # no slopes, no terms
     _, estimates, errors = fit
     half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
     ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
@@ -117,7 +117,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     freedom = len(design) - design.shape[1] + 1
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
-        first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]
+        first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]  # parameters that are not fitted are 0
         factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # an SD would have a saddle point at 0
         inner = np.eye(2) + factor.T @ among @ factor
         reduced = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)

@@ -82,7 +82,7 @@ def paired_test(differences: Values) -> PairedTest | None:
 
 @lru_cache(maxsize=8)
 def _draw_signs(n: int, resamples: int) -> Values:
-    """Return rows of n signs (1 or -1): every combination if there are few, else random ones."""
+    """Return rows of n signs (1 or -1): every combination if there are few, else ``resamples`` random ones."""
     if n <= _EXHAUSTIVE:
         return np.array(list(product((1.0, -1.0), repeat=n)))
     return np.random.default_rng(SEED).choice([1.0, -1.0], (resamples, n))
@@ -129,7 +129,7 @@ def compare_conditions(
 ) -> tuple[PairedComparison, ...]:
     """Compare conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
 
-    Without contrasts, each pair of conditions is compared.
+    Without contrasts, each pair of conditions is compared. A comparison of fewer than two participants is omitted.
 
     Args:
         values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
@@ -157,7 +157,16 @@ def compare_conditions(
 def _compare_sides(
     table: pd.DataFrame, weights: Mapping[str, float], measure: str, names: tuple[str, str], *, is_log: bool
 ) -> PairedComparison | None:
-    """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants."""
+    """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants.
+
+    Args:
+        table: a row per participant and a column per condition; participants who lack a value in one of those that have
+            a weight are omitted
+        weights: by condition, the weights, which sum to 0
+        measure: the measure's name
+        names: the ``first`` and ``second`` of the result
+        is_log: whether the values are natural logarithms, so that the means are reported as geometric means
+    """
     complete = table.reindex(columns=list(weights)).dropna().to_numpy(float)  # a condition may be in no trial
     weight = np.array(list(weights.values()))
     sides = (complete @ np.maximum(weight, 0.0), complete @ np.maximum(-weight, 0.0))
@@ -186,9 +195,9 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     """Test the effects of position and carry-over in a crossover design.
 
     Each effect is tested given the other and the conditions, with participants as fixed effects. Carry-over is of first
-    order: the effect of the condition just before (Jones and Kenward, 2014). An effect that the design confounds with
-    the others is left out. p permutes the orders between participants, so it needs neither equal variances nor normal
-    values: participants' residuals without the effect are exchanged whole (Freedman and Lane, 1983).
+    order: the effect of the condition just before (Jones and Kenward, 2014). p permutes orders between participants, so
+    it needs no equal variances or normal values: residuals without the effect are exchanged whole (Freedman and Lane,
+    1983). Effects that the design confounds with others are omitted, and all are if data or orders are too few.
 
     Args:
         measure: the measure's name
@@ -223,7 +232,10 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
 
 
 def _describe_term(measure: str, effect: str, ratios: Values, freedom: tuple[int, int]) -> CrossoverTerm:
-    """Return the test of an effect from the observed ratio of sums of squares, followed by the permuted ones."""
+    """Return the test of an effect; ``ratios`` are those of ``_compute_ratios``, the first of which is observed.
+
+    ``freedom`` holds the degrees of freedom of the effect and the residual ones.
+    """
     observed = float(ratios[0])
     variance = estimate_explained_variance(observed, find_critical_statistic(ratios[1:]), freedom, sum(freedom) + 1)
     p = float(np.mean(ratios >= observed * (1 - _TIES)))
@@ -239,7 +251,10 @@ def _has_enough_orders(rows: pd.DataFrame) -> bool:
 
 
 def _centre_people(columns: Values, people: int) -> Values:
-    """Subtract each participant's mean from columns whose rows are sorted by participant."""
+    """Subtract each participant's mean from columns whose rows are sorted by participant.
+
+    Each of the ``people`` participants has the same number of rows.
+    """
     by_person = columns.reshape(people, -1, columns.shape[1])
     centred: Values = (by_person - by_person.mean(axis=1, keepdims=True)).reshape(columns.shape)
     return centred
@@ -350,7 +365,7 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
 def _fit_lines(rows: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
     """Return by group the level in the middle of the block and the slope of each participant's line.
 
-    Participants with fewer than ``MIN_EPISODES`` different episodes are left out. No value of the measure is missing.
+    Participants with fewer than ``MIN_EPISODES`` different episodes are omitted. No value in ``rows`` may be missing.
     """
     middle = rows["episode_in_block"].mean()
     centred = rows.assign(at=rows["episode_in_block"] - middle, value=rows[measure])

@@ -84,7 +84,10 @@ class PermutationTest:
         return (n_as_far + self.extra) / (len(squared_t) + self.extra)
 
     def _square_t(self, difference: float, scale: float) -> float:
-        """Return the squared t of the observed groups for a difference; 0 if it is only a rounding error."""
+        """Return the squared t of the observed groups for a difference; 0 if it is only a rounding error.
+
+        ``scale`` is the mean square of all values, at which rounding errors are measured.
+        """
         if difference * difference <= _NO_SPREAD * scale:
             return 0.0
         if self.error**2 > _NO_SPREAD * scale:
@@ -214,7 +217,10 @@ def invert_test(
 
 
 def _search_bound(is_rejected: Callable[[float], bool], estimate: float, step: float) -> float:
-    """Return the last value that is not rejected, searching from the estimate in the direction of ``step``."""
+    """Return the last value that is not rejected, searching outwards from the estimate.
+
+    ``step`` is the first step; its sign is the direction of the search.
+    """
     inside = estimate
     outside = math.nan
     if -estimate * step > 0:  # test 0 itself, so that the interval contains 0 exactly where p does not reject it
@@ -267,6 +273,7 @@ def _test_same_size_pairs(pairs: Sequence[tuple[Values, Values]]) -> Iterator[Pe
     m = len(pairs[0][1])
     deviations = np.array([np.concatenate([a - a.mean(), b - b.mean()]) for a, b in pairs])
     is_first = np.arange(n + m) < n
+    # per participant: the deviations of all pairs, their squares, those of the first group, and the membership in it
     columns = np.concatenate([deviations, deviations**2, deviations * is_first, is_first[None]]).T
     totals = draw_totals(columns, n)
     count = len(pairs)

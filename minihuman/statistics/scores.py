@@ -79,7 +79,7 @@ def score_player(
     floor).
 
     Args:
-        player: the runs to score; if they are the reference itself, the score is 1 with the spread of its own people
+        player: the runs to score; if they are the reference itself, the score is 1 with the spread of those runs
         reference: the runs of people, or of the player that stands in for them
         floor: the runs of the random player; None for a floor of 0
         seed: the seed of the bootstrap

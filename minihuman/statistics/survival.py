@@ -135,7 +135,8 @@ def _test_difference(
 def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
     """Return the absolute difference of restricted means in standard errors for each regrouping.
 
-    With many events, the differences are drawn from the normal distribution to which they converge.
+    Regroupings with fewer than LEAST_EVENTS events in a group are omitted. With many events, the differences are drawn
+    from the normal distribution to which they converge.
     """
     if has_limit(*n, int(pooled.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
@@ -226,7 +227,8 @@ class _Group:
     def integrate(self, width: Values) -> tuple[Values, Values]:
         """Return the area under each curve and its squared standard error (Greenwood's, times n / (n - 1)).
 
-        ``width`` is the time from each time to the one before it, up to the horizon.
+        ``width``, of shape (times, regroupings), is the part of the time since the previous time that lies before the
+        horizon.
         """
         area = width.copy()
         area[1:] *= self.share[:-1]

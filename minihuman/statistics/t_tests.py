@@ -29,7 +29,7 @@ class Welch:
     freedom: float
 
     def interval(self, level: float = LEVEL) -> tuple[float, float]:
-        """Return the t interval of the difference."""
+        """Return the t interval of the difference at a confidence level, such as 0.95."""
         half = float(scipy.special.stdtrit(self.freedom, (1 + level) / 2)) * self.error
         return self.difference - half, self.difference + half
 
@@ -100,7 +100,10 @@ def _find_detectable_difference(chance: float, n: tuple[int, int]) -> float:
 
 
 def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float:
-    """Return the power of a two-sided t test for a difference of ``d`` standard deviations (Cohen, 1988)."""
+    """Return the power of a two-sided t test for a difference of ``d`` standard deviations (Cohen, 1988).
+
+    ``n`` holds the number of participants in each group; the test rejects at a p below 1 - ``level``.
+    """
     freedom = sum(n) - 2
     shift = d * math.sqrt(n[0] * n[1] / sum(n))
     critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))

@@ -183,7 +183,10 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
 
 
 def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
-    """Compare two groups' marginal means by Welch's t; return an odds ratio if the means are log odds."""
+    """Compare two groups' marginal means by Welch's t; return an odds ratio if the means are log odds.
+
+    If neither mean has an error, the comparison has a reason instead of numbers.
+    """
     parts = (a.error**2, b.error**2)
     if not sum(parts) > 0:
         return _make_missing_part("nobody differs from the others of the group")
@@ -254,8 +257,9 @@ def two_parts_p(a: Values, b: Values) -> float:
 
 
 def _find_lower_limit(together: Values, n: int, observed: float) -> float:
-    """Return the lower limit of p for groups that are small and of unequal size; 0 for other groups.
+    """Return the lower limit of p for groups whose sizes require one by ``floor_freedom``; 0 for other groups.
 
+    ``together`` holds the summaries of both groups, of shape (people, 2); the first ``n`` are of the first group.
     The limit is the share of sums of two squared random numbers from Student's t, with the degrees of freedom of each
     part, that reach the observed sum.
     """
@@ -276,10 +280,13 @@ def _find_lower_limit(together: Values, n: int, observed: float) -> float:
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
-    """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge."""
+    """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge.
+
+    ``together`` holds the summaries of both groups, of shape (people, 2); the first ``n`` are of the first group.
+    """
     is_present = ~np.isnan(together)
     filled = np.where(is_present, together - np.nanmean(together, axis=0), 0.0)
-    columns = np.concatenate([is_present, filled, filled**2], axis=1)
+    columns = np.concatenate([is_present, filled, filled**2], axis=1)  # counts, sums and squares, each of both parts
     first_totals = draw_totals(columns, n)
     sides = (first_totals.reshape(-1, 3, 2), (columns.sum(axis=0) - first_totals).reshape(-1, 3, 2))
     means = [side[:, 1] / side[:, 0] for side in sides]

@@ -12,8 +12,8 @@ import pandas as pd
 def find_units(teams: pd.DataFrame) -> dict[str, str]:
     """Return the unit of analysis of each participant who ever played with another person.
 
-    A unit contains all people who are connected by a chain of teams. Participants whose partners were agents are units
-    of their own and are left out.
+    A unit contains all people who are connected by a chain of teams. A participant whose partners were all agents is a
+    unit alone and is omitted.
 
     Args:
         teams: rows of the table "teams" of one block, with the columns ``participant`` and ``team``
@@ -33,5 +33,8 @@ def find_units(teams: pd.DataFrame) -> dict[str, str]:
 
 
 def name_units(rows: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
-    """Return the rows with each participant replaced by the participant's unit, so that analyses cluster by team."""
+    """Return the rows with each participant replaced by the participant's unit, so that analyses cluster by team.
+
+    ``units`` are those of ``find_units``; a participant who is not among them stays.
+    """
     return rows.assign(participant=rows["participant"].map(lambda code: units.get(str(code), str(code))))
