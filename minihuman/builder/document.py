@@ -2,7 +2,7 @@
 
 Comments, spacing, order and the way in which numbers and texts are written stay as they are. Each edit returns a new
 text whose values are compared with what the edit means; a text that cannot be edited so is refused and stays as it is.
-The module knows TOML, not protocols: what may be edited and what it means is decided in `study`.
+The module knows TOML, not protocols: `study_folder` decides what may be edited and what an edit means.
 """
 
 import re
@@ -99,7 +99,7 @@ class TomlDocument:
                 the value.
 
         Raises:
-            NotEditableError: if that is not possible.
+            NotEditableError: if the text cannot be edited so that this field alone changes.
         """
         current = self.find(path)
         if current is MISSING:
@@ -198,7 +198,7 @@ class TomlDocument:
         return self.insert((*path[:-1], number + 1), self.find(path), text)
 
     def _set_members(self, path: Steps, current: Mapping[str, Any], content: Mapping[str, Any]) -> "TomlDocument":
-        """Set the members of a table, and remove those that the new table lacks."""
+        """Give the table at ``path`` the members of ``content``; members of ``current`` that it lacks are removed."""
         document = self
         for key, member in content.items():
             document = document.set((*path, key), member)
@@ -208,7 +208,7 @@ class TomlDocument:
         return document
 
     def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
-        """Edit only the elements between those that the old and the new list have in common at both ends."""
+        """Turn a list from ``current`` into ``content``, editing only what is between their common start and end."""
         shorter = min(len(current), len(content))
         n_same_before = _count_same_start(current, content)
         n_same_after = min(_count_same_start(current[::-1], content[::-1]), shorter - n_same_before)
@@ -264,7 +264,7 @@ class TomlDocument:
         return position, position, self._fit_line(position, line)
 
     def _fit_line(self, position: int, line: str) -> str:
-        """Return a line with a line break before it if it is to follow an unfinished line, else behind it."""
+        """Return a line to insert at a position, with a line break: before it after an unfinished line, else behind."""
         if position and self.text[position - 1] != "\n":
             return f"{self.newline}{line}"
         return f"{line}{self.newline}"
@@ -276,7 +276,7 @@ class TomlDocument:
             raise self._refuse(str(error), path) from None
 
     def _format_section(self, path: Steps, table: Mapping[str, Any], is_element: bool) -> str:
-        """Return a table with its header as lines, without a line break at the end."""
+        """Return the lines of a table with its header, [[name]] if ``is_element``; no line break is at the end."""
         name = ".".join(format_key(step) for step in path if isinstance(step, str))
         header = f"[[{name}]]" if is_element else f"[{name}]"
         lines = [header]
@@ -312,7 +312,7 @@ class TomlDocument:
         return end, end, f"{gap}{block}"
 
     def _append_block(self, parent: Steps, block: str) -> Replacement:
-        """Return the replacement that puts a table with a header behind those of the table that contains it."""
+        """Return the replacement that puts a table with a header behind the table ``parent``, () for the whole file."""
         gap = self.newline * 2
         if not parent:
             end = len(self.text.rstrip())
@@ -325,7 +325,7 @@ class TomlDocument:
         return end, end, f"{gap}{block}"
 
     def _insert_inline(self, container: Steps, number: int, literal: str) -> list[Replacement]:
-        """Return the replacements that put a member into an inline table, or an element into a list."""
+        """Return the replacements that put a text into an inline table or a list, before member ``number`` or last."""
         members = list(list_members(self.spans, container))
         span = self.spans.values[container]
         if not members:
@@ -391,7 +391,7 @@ class TomlDocument:
         return span.member_begin, comma.end() if comma else span.end, ""
 
     def _find_element(self, path: Steps) -> tuple[int, int]:
-        """Return the span of an element of a list.
+        """Return where the text of a list's element begins and ends.
 
         Raises:
             NotEditableError: if the element's lines are in several places.
@@ -419,7 +419,7 @@ class TomlDocument:
     def _rewrite(
         self, replacements: Sequence[Replacement], path: Steps, change: Callable[[dict[str, Any]], object]
     ) -> "TomlDocument":
-        """Return the text with replacements; refuse them if its values are not those that ``change`` makes."""
+        """Return the document with replacements; raise NotEditableError if its values are not what ``change`` makes."""
         text = self.text
         for begin, end, new_text in sorted(replacements, reverse=True):
             text = f"{text[:begin]}{new_text}{text[end:]}"
@@ -465,7 +465,7 @@ def _is_list_of_tables(content: Any) -> bool:
 
 
 def _needs_header(content: Any) -> bool:
-    """Return whether a value has a header: a list of tables, a table of tables only, or a table too long for a line."""
+    """Return whether a new value gets a header: a list of tables, a table of tables, or one too long for a line."""
     if _is_list_of_tables(content):
         return True
     if not isinstance(content, Mapping) or not content:

@@ -124,7 +124,10 @@ def _find_episode(log: SessionLog, number: int) -> EpisodeLog:
 
 
 def _get_pose(episode: EpisodeLog, state: int) -> tuple[_Point | None, float | None]:
-    """Return the position (x, z) and the yaw in radians in a state, 0 for the reset; None for both without a pose."""
+    """Return the position (x, z), in the floor plan's units, and the yaw in radians in a state of an episode.
+
+    Both are None if no pose was recorded. State 0 is that after the reset.
+    """
     x, _, z, yaw_rad = (float(number) for number in episode.poses[state])
     if np.isnan(x):
         return None, None

@@ -94,7 +94,10 @@ class FileHistory:
         return versions[:length]
 
     def _locate(self, versions: list[Path], content: bytes) -> int | None:
-        """Return the index of the version with a content: the one written last here, else the latest; else None."""
+        """Return the index of a version that has a content, or None if there is none.
+
+        Of several such versions, the one that this process wrote last is chosen, else the latest.
+        """
         candidates = list(reversed(range(len(versions))))
         if self._position is not None and self._position < len(versions):
             candidates.insert(0, self._position)

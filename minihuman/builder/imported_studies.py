@@ -42,7 +42,8 @@ class StudyImports:
             content: the file's bytes.
 
         Raises:
-            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or the file exists.
+            EditRefusedError: if a name is not valid, the file's kind, depth or size is none that a study has, or the
+                file exists, or the folder existed before this import.
             OSError: if the file cannot be written.
         """
         parts = place.split("/")

@@ -82,7 +82,7 @@ class RecordedStudy:
             return RecordedData(_format_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
 
     def draw_paths(self, log: str) -> bytes:
-        """Draw the paths of a session's episodes as a PNG.
+        """Draw the paths of a session's episodes as a PNG; ``log`` is the log's path in the study's folder.
 
         Raises:
             EditRefusedError: if there is no such log, or it has nothing to draw.
@@ -150,7 +150,7 @@ class RecordedStudy:
         return Departure(lines, _format_command(request.kind, *arguments), self.describe())
 
     def _carry_out_departure(self, request: DepartureRequest, note: AuditNote) -> list[str]:
-        """Carry out a departure; return the lines that report it."""
+        """Withdraw or replace a participant; return the lines that report it, as the command prints them."""
         if request.kind == "replace":
             replace_participant(self._folder, request.participant, note)
             return [f"The next session offers {request.participant}'s slot; their data stay."]
@@ -158,7 +158,7 @@ class RecordedStudy:
         return [withdrawal.line(), *withdrawal.left]
 
     def query(self, sql: str) -> QueryAnswer:
-        """Answer a query of the study's tables, which changes nothing.
+        """Answer a query in SQL of the study's tables, with the first `MOST_ROWS` rows; the query changes nothing.
 
         Raises:
             EditRefusedError: if the tables cannot answer it.
@@ -178,7 +178,7 @@ class RecordedStudy:
         )
 
     def annotate(self, request: AnnotationRequest) -> RecordedData:
-        """Annotate a session or an episode, such as with the tag "exclude", or take an annotation back.
+        """Annotate a session or an episode, or take an annotation back; return the sessions as they are then.
 
         Raises:
             EditRefusedError: if there is no such log or episode, the tag is not valid, or there is no reason.
@@ -197,7 +197,7 @@ class RecordedStudy:
         """Export the study into a new folder beside the data.
 
         Raises:
-            EditRefusedError: if the format is unknown, the folder exists, or nothing can be exported.
+            EditRefusedError: if the format is unknown, or nothing can be exported.
         """
         from minihuman.api import export
 
@@ -237,7 +237,12 @@ class RecordedStudy:
         raise _refuse("not_there", f"the study has no log {log!r} any more; reload the page")
 
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
-        """Describe a session of the index; without facts, but with the problem, if its log cannot be read."""
+        """Describe a session for the page; if its log cannot be read, with the problem and mostly empty fields.
+
+        Args:
+            row: the session's row in the session index.
+            running: the sessions of the study that are running, as the study's entry lists them.
+        """
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
         replay = _format_command("replay", _format_path(row.path))

@@ -17,7 +17,7 @@ _UNQUOTED = ("cff-version", "type")  # fields of CITATION.cff that have fixed wo
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split an author's name as in print into family and given names; the given names are "" for a single word."""
+    """Split an author's name, "Given Family" or "Family, Given", into (family, given); given is "" for one word."""
     family, comma, given = name.partition(",")
     if comma:
         return family.strip(), given.strip()
@@ -56,7 +56,7 @@ def build_card(facts: AboutSpec, study: str, year: str, data_dictionary: Mapping
 
 
 def format_citation(facts: AboutSpec, year: str) -> str:
-    """Return a reference to the data set in APA's form."""
+    """Return a reference to the data set in APA's form; the facts must name an author."""
     names = []
     for author in facts.authors:
         family, given = split_name(author.name)
@@ -82,7 +82,7 @@ def _escape_cell(text: str) -> str:
 
 
 def _describe_columns(data_dictionary: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the lines of a table of columns for each table of the data set."""
+    """Yield the lines of Markdown that describe the columns of each table of the data set; none without tables."""
     if data_dictionary:
         yield from ("## Columns", "")
     for table, columns in data_dictionary.items():

@@ -73,7 +73,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write one dataset per study and world."""
+    """Write one dataset per study and world, as for `export`."""
     replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
     datasets: dict[str, _Dataset] = {}
     for world, included, demonstration in replayed:
@@ -150,7 +150,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin_dataset(out: Path, name: str, included: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    """Create a dataset's folder, namespaces and metadata, described by its first episode.
+    """Create the files of the dataset ``name``, "STUDY/WORLD", with its first episode's metadata, and its namespaces.
 
     Raises:
         ExportError: if the observation has a key that HDF5 cannot name.
@@ -238,7 +238,13 @@ def _make_namespace(folder: Path, description: str) -> None:
 
 
 def _describe_dataset(included: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
-    """Return the description of a dataset."""
+    """Return the text that describes a dataset.
+
+    Args:
+        included: the first episode of the dataset.
+        study_facts: the facts about the study.
+        recoverable: whether another machine can create the environment by its name.
+    """
     lines = [study_facts.description or study_facts.title or f"The study {included.log.plan.study}."]
     lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
     if not recoverable:
@@ -247,7 +253,7 @@ def _describe_dataset(included: IncludedEpisode, study_facts: AboutSpec, *, reco
 
 
 def _list_requirements(included: IncludedEpisode) -> list[str]:
-    """Return the pip requirements of the environment."""
+    """Return the pip requirements of the episode's environment: this package, and the one that has the world."""
     module, colon, _ = included.episode.plan.world.partition(":")
     if colon:
         distributions = packages_distributions().get(module.partition(".")[0], [])
@@ -260,7 +266,7 @@ def _list_requirements(included: IncludedEpisode) -> list[str]:
 
 
 def _build_buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
-    """Build the episode buffer that Minari stores."""
+    """Build the episode buffer that Minari stores; an episode that did not terminate ends truncated."""
     episode = demonstration.episode
     truncated = episode.truncated.copy()
     truncated[-1] |= not episode.terminated[-1]

@@ -25,7 +25,7 @@ def get_licence_id(study_facts: AboutSpec) -> str:
 
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
-    """Return the devices in a session's protocol, by name; none if the plan has no protocol."""
+    """Return the devices in a session's protocol, by name; {} if the plan has no protocol."""
     protocol = decode_plan_protocol(plan.protocol_toml)
     if protocol is None:
         return {}

@@ -115,7 +115,7 @@ def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
 
 
 def _describe_author(author: AuthorSpec, kind: str) -> dict[str, str]:
-    """Describe an author as a person; ``kind`` is the name of that type in the vocabulary."""
+    """Describe an author as a person; ``kind`` is the name that the vocabulary has for a person: "sc:Person"."""
     person = {"@type": kind, "name": author.name}
     if author.orcid:
         person["@id"] = _build_orcid_url(author)

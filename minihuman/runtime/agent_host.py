@@ -92,7 +92,13 @@ class AgentHost(RequestHandler):
         self._last_begun: tuple[str, int] | None = None  # policy and episode that an agent began last
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the input that answers a request of the session; None if there is no answer yet."""
+        """Return the input that answers a request of the session; None if there is no answer yet, or none from here.
+
+        Args:
+            want: the request.
+            play: the running episode; None if no episode is running.
+            t_ns: the session's time, which the input gets.
+        """
         match want:
             case PolicyRequest(learning=True):
                 return self._learn_policy(want, t_ns)
@@ -221,7 +227,7 @@ class AgentHost(RequestHandler):
     def _build_pair_request(
         self, want: ClipRequest, pairs: Sequence[tuple[EpisodeClip, EpisodeClip]]
     ) -> LearnerRequest:
-        """Return the request to choose one of these pairs."""
+        """Return the request that the learner chooses one of these pairs."""
         return LearnerRequest(
             logs=[str(path) for path in self._logs()],
             part=want.source,
@@ -236,7 +242,7 @@ class AgentHost(RequestHandler):
     # Advice
 
     def _ask_advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
-        """Return the agent's probability of each action in the running episode, or the reason why it failed."""
+        """Return the agent's probability of each action in the running episode, or a `NewPolicy` with its failure."""
         policy_and_episode = (want.policy, play.plan.episode)
         try:
             with limit_answer_time():
@@ -329,7 +335,7 @@ class AgentHostedPlan(typing.Protocol):
 
     @property
     def needs_learner(self) -> bool:
-        """Return whether a learner makes policies or judges pairs."""
+        """Return whether a learner makes policies for the part, or chooses pairs of clips."""
 
     def plays_policy_file(self, files: Container[str]) -> bool:
         """Return whether the part plays a policy that a learner makes or that is one of the protocol's files."""

@@ -91,6 +91,8 @@ class _Camera(SimulatedWindow):
 def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
     """Play sessions and collect their distinct screens, with the names of their phases.
 
+    ``size_px`` is the width and height for which the screens are made.
+
     Returns:
         The screens, and the names of the parts that no player reached.
 
@@ -134,7 +136,7 @@ class Screenshots:
 
 
 def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1280, 720)) -> Screenshots:
-    """Write every screen as a PNG, and a contact sheet of all of them."""
+    """Write every screen of the sessions as a PNG of ``size_px``, width and height, and a contact sheet of them all."""
     out.mkdir(parents=True, exist_ok=True)
     screens, missing = render_screens(plans, size_px)
     pictures = []

@@ -243,7 +243,10 @@ class _SessionLoop:
             self._stop_for_log(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Keep a failure on the screen until a key is pressed, the window closes, a signal comes or time is up."""
+        """Keep a failure of the world or the log, if there was one, on the screen for ``last_screen_s`` at most.
+
+        A key press, a signal and the closing of the window end this earlier.
+        """
         if not (self._failed or self.log_error):
             return
         try:
@@ -332,7 +335,7 @@ class _SessionLoop:
         return inputs
 
     def _read_commands(self) -> list[ExperimenterCommand]:
-        """Return the experimenter's new requests; none if the inbox was read a moment ago."""
+        """Return the experimenter's new requests; [] without an inbox, or if it was read a moment ago."""
         now_ns = self._clock()
         if self._inbox is None or now_ns < self._next_read_ns:
             return []

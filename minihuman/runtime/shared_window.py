@@ -95,9 +95,9 @@ class SeatWindow(Window):
         self.show(screen)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Wait until the seat's person does something, its screen was shown, or another seat wakes it up.
+        """Wait until the seat's person does something, its screen was shown, another seat wakes it up, or ``until_ns``.
 
-        It returns one input at a time, so that a screen's time is later than what the session did before.
+        Return a list of one input, so that a screen's time is later than what the session did before, or [].
         """
         try:
             timeout_s = None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9)

@@ -128,7 +128,7 @@ class SimulatedWindow(Window, SimulatedPerson):
                 self.participant.begin(play.plan, self._session.plan.key_pool, play.world)
 
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
-        """Schedule the press and release of a key."""
+        """Schedule the press of a key ``delay_ms`` from now, and its release ``hold_ms`` later."""
         down_ns = self._clock() + round(delay_ms * NS_PER_MS)
         up_ns = down_ns + round(hold_ms * NS_PER_MS)
         self._coming += [KeyDown(down_ns, key, key), KeyUp(up_ns, key, key)]
@@ -148,7 +148,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
     def choose(self, count: int) -> int:
-        """Draw a number below ``count``, determined by the study's seed, the participant and earlier draws."""
+        """Draw a number from 0 to ``count`` - 1, which the study's seed, the participant and earlier draws fix."""
         plan = self._session.plan
         purpose = f"simulated-answers-session-{plan.session}"
         if self._before:

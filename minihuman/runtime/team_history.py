@@ -49,7 +49,9 @@ def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[T
 def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_persons: int) -> TeamHistory:
     """Read the history of a block from the logs of a team that is still playing.
 
-    If at some time every session of the team was over, the team restarts the episode that it did not complete.
+    If at some time every session of the team was over, the team restarts the episode that it did not complete. A live
+    log counts as a session that is not over. ``n_persons`` is the number of people in the team; a team of one person
+    always restarts the episode.
     """
     history = TeamHistory()
     until_ns = 0.0  # the latest end of the segments so far; infinite if one of them is still running

@@ -10,7 +10,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
     """Return how many people share one machine: the largest number in a team whose seats have different keys.
 
-    Without such teams it is 1.
+    It is 1 if no block has a team with such keys. Without a ``group``, the teams of all groups count.
     """
     teams = [team for _, team in list_teams(protocol, group)]
     return max((len(team.persons) for team in teams if team.seat_keys), default=1)

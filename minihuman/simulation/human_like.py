@@ -158,7 +158,7 @@ class ParticipantPopulation:
         The setting ``spread=0`` fixes the other parameters at their medians too.
 
         Raises:
-            SimulationError: if a name is not a parameter, or a value is not a number.
+            SimulationError: if a name is not a parameter, or a value is not a number or out of its range.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
         values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
@@ -279,7 +279,7 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._understood[key] = action
 
     def _choose_key(self, search: GoalSearch) -> str:
-        """Return the key of the next planned action, an untried key if it is unknown, or one of a lapse or detour."""
+        """Return the key of the next planned action, an untried key if that is unknown, or one of a lapse or detour."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
             return self._draw_key(self._pool)
@@ -320,5 +320,8 @@ class HumanLikeParticipant(SimulatedParticipant):
 
 
 def _map_action_positions(plan: EpisodePlan) -> dict[str, int]:
-    """Return the position of each key's action in the block's list of actions, which is stable when keys carry over."""
+    """Return the position of each key's action in the list of the block's actions, by key.
+
+    What a participant knows of the keys carries over to a block with equal positions.
+    """
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

@@ -98,7 +98,7 @@ class GridExplorer:
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
-        """Return the next actions, as far as the explorer has decided on them."""
+        """Return the next actions, as far as the explorer has decided on them; [] if nothing is left to try."""
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
 
 

@@ -69,6 +69,8 @@ MAX_SAMPLE_DELAY_S = 0.5  # how long samples wait to be written together with an
 def open_devices(specs: Sequence[DeviceSpec], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
     """Open a protocol's devices; yield them by name, together with facts about them for the log.
 
+    A device that is missing and not required is left out; a fact says why. All devices are closed at the end.
+
     Raises:
         DeviceError: if a required device is missing.
     """

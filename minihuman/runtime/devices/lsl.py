@@ -74,7 +74,7 @@ class LslDevice(Device):
         return {"stream": info.name(), "type": info.type(), "rate_hz": f"{info.nominal_srate():g}"}
 
     def read(self) -> Sequence[DeviceSample]:
-        """Return the samples that have arrived."""
+        """Return the samples that have arrived since the last call, at most `_MAX_SAMPLES`."""
         rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MAX_SAMPLES)
         return [self._convert_sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 

@@ -48,7 +48,7 @@ class SoundOutput(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, cues: Sequence[SoundCue]) -> None:
-        """Play these sounds at their times, and stop all others; sounds that have begun go on."""
+        """Play these sounds at their times, and stop all others; those of these sounds that have begun go on."""
 
     @abc.abstractmethod
     def read(self) -> Sequence[SoundStarted]:
@@ -343,6 +343,7 @@ def open_sound(plan: SessionPlan, clock: Clock) -> Iterator[tuple[PortAudioOutpu
 
     Raises:
         DeviceError: if PortAudio or a device is missing.
+        WorldError: if a sound's file cannot be decoded.
     """
     contents = list_sounds(plan)
     if not contents:
