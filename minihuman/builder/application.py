@@ -30,7 +30,7 @@ _MEDIA_TYPES = {
 
 
 class BuilderApplication:
-    """The ASGI application of the builder for a folder of protocols; the desk closes it when it ends.
+    """The ASGI application of the builder for a folder of protocols; the desk, which serves it, closes it at its end.
 
     Args:
         folder: the folder of the protocols.

@@ -78,7 +78,7 @@ def draw_cell(cell: str) -> bytes:
             picture = world.frame("full", (3 * CELL_PX, 3 * CELL_PX))
     except (MinihumanError, ValueError):
         return BLANK_PNG
-    middle = slice(CELL_PX, 2 * CELL_PX)
+    middle = slice(CELL_PX, 2 * CELL_PX)  # of the diagram's three cells
     return _encode_png(picture[middle, middle])
 
 

@@ -42,7 +42,7 @@ def is_trusted(tree: dict[str, Any], folder: Path) -> bool:
         tree: the protocol's values.
         folder: the folder of the protocol.
     """
-    return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)
+    return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)  # asks only, and trusts nothing
 
 
 def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistake]]:

@@ -35,7 +35,7 @@ def _list_value_differences(before: Any, after: Any, path: Path) -> Iterator[Fie
         return
     for name in dict.fromkeys([*names_before, *names_after]):
         number_before, table_before = names_before.get(name, (0, None))
-        number, table_after = names_after.get(name, (number_before, None))
+        number, table_after = names_after.get(name, (number_before, None))  # a removed table keeps its old number
         yield from _list_value_differences(table_before, table_after, [*path, number])
     order_before = [name for name in names_before if name in names_after]
     order_after = [name for name in names_after if name in names_before]

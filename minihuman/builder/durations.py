@@ -122,7 +122,7 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
 
 
 def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
-    """Estimate a block with its instructions and its rest, within its limits of successes and time.
+    """Estimate a block with its instructions and its rest, given its stop criterion and its time limit.
 
     Args:
         block: the block.
@@ -139,7 +139,7 @@ def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
 
 
 def _estimate_rest(block: BlockSpec, rest_s: float) -> Seconds:
-    """Estimate the rest after a block: ``rest_s`` seconds, or more if the participant ends it, as a text asks for."""
+    """Estimate the rest after a block: ``rest_s`` seconds, or more with a rest text, until the participant goes on."""
     if not block.rest_text:
         return Seconds(rest_s, rest_s)
     return Seconds(max(rest_s, _SCREEN_S[0]), max(rest_s, _LONGEST_REST_S))

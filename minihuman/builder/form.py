@@ -227,7 +227,10 @@ def _name_element_type(schema: Schema) -> str:
 
 
 def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
-    """Return the values that a field accepts: its fixed words, and the names of what is installed; [] for any value."""
+    """Return the values that a field accepts: its fixed words, and the names of what is installed; [] for any value.
+
+    ``options`` has the JSON schema of each type that the field may have.
+    """
     values: list[Any] = []
     for option in options:
         values += option.get("enum", ()) or (option.get("items") or {}).get("enum", ())
@@ -268,6 +271,7 @@ def _build_settings_form(table: str, kind: str) -> FieldForm:
     schema = msgspec.json.schema(settings)
     definition = schema["$defs"][settings.__name__]
     fields = [
+        # all settings are common, so that the form shows them at once
         _build_field(f"{table}.{name}", field, name in definition.get("required", ()), True)
         for name, field in definition["properties"].items()
     ]

@@ -180,6 +180,8 @@ def _yield_texts(content: Any, path: tuple[str | int, ...] = ()) -> Iterator[tup
 def _parse_table(content: bytes, name: str) -> tuple[list[list[str]], str]:
     """Return the rows of a CSV file, the first one with the columns' names, and the separator of its cells.
 
+    ``name`` is the file's name, for the text of an error.
+
     Raises:
         EditRefusedError: if the file is not CSV.
     """
@@ -212,6 +214,8 @@ def _parse_pasted(text: str) -> list[list[str]]:
 
 def _format_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]], separator: str) -> bytes:
     """Return a table as CSV in UTF-8; missing cells at the end of a row are empty.
+
+    ``name`` is the file's name, for the text of an error.
 
     Raises:
         EditRefusedError: if the columns' names are not distinct texts, a row is too long, or the table is too large.

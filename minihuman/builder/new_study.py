@@ -151,7 +151,7 @@ def _require_new(path: Path) -> None:
 
 @cache
 def _decode_draft(name: str) -> Protocol:
-    """Return the protocol that the template ``name`` gives with the usual answers, if it is no file of the package.
+    """Return the protocol of the template ``name``, one that is written from answers, with the usual answers.
 
     Raises:
         ProtocolError: if there is no such template.

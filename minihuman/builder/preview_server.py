@@ -125,7 +125,8 @@ def _find_first_slot(protocol: Protocol, group: str) -> int:
 def _select_parts(parts: Sequence[PlannedPart], start: int, end: int) -> tuple[PlannedPart, ...]:
     """Return the parts from index ``start`` to before ``end``.
 
-    Where a part leads back to an earlier part, this part's index is renumbered, or None if it is omitted.
+    Where a part leads back to an earlier part, the index of the earlier part is renumbered; it is None if that part is
+    omitted.
     """
     kept = []
     for part in parts[start:end]:

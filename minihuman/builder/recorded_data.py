@@ -60,7 +60,7 @@ _DRAWING = threading.Lock()  # matplotlib's settings are those of the whole proc
 
 
 class RecordedStudy:
-    """The recorded sessions of a study.
+    """The recorded sessions of a study, each named by the path of its log in the study's folder.
 
     Args:
         study_entry: the study.
@@ -105,7 +105,7 @@ class RecordedStudy:
             return png.getvalue()
 
     def describe_session(self, log: str) -> SessionDetails:
-        """Return a session's episodes and answers.
+        """Return the episodes and the answers of a session, which the path of its log in the study's folder names.
 
         Raises:
             EditRefusedError: if there is no such log, or it cannot be read.
@@ -114,7 +114,7 @@ class RecordedStudy:
             return episode_replay.describe_session(read_log(self._find_log(log)))
 
     def describe_episode(self, log: str, number: int) -> EpisodeReplay:
-        """Return a recorded episode step by step.
+        """Return episode ``number`` of a session step by step; ``log`` is the log's path in the study's folder.
 
         Raises:
             EditRefusedError: if there is no such log or episode.
@@ -123,7 +123,7 @@ class RecordedStudy:
             return episode_replay.describe_episode(read_log(self._find_log(log)), number)
 
     def draw_step(self, log: str, number: int, step: int) -> bytes:
-        """Draw what the participant saw after a step of an episode, as a PNG.
+        """Draw what the participant saw after step ``step`` of episode ``number``, as a PNG; step 0 is the reset.
 
         Raises:
             EditRefusedError: if there is no such step, or the world no longer shows what was seen.
@@ -246,7 +246,7 @@ class RecordedStudy:
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
         replay = _format_command("replay", _format_path(row.path))
-        if row.summary is None:
+        if row.summary is None:  # the file's name for the participant; nothing is known but the state and the problem
             return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
         notes, problem = _read_notes(row.path)

@@ -36,7 +36,7 @@ _MEASURES = ("exclusions.*.measure", "allocation.stratify_by", "analysis.covaria
 
 
 def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
-    """Give a part or group a new name, in its table and wherever the file mentions it; a session, in its table only.
+    """Return the document with a part or group renamed at every mention, or with a session renamed in its table only.
 
     Args:
         document: the protocol's file.

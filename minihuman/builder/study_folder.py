@@ -71,7 +71,7 @@ class StudyFolder:
         return Studies(self.folder.resolve().name, cards, list(list_templates()))
 
     def open(self, key: str) -> "OpenStudy":
-        """Open a study.
+        """Open the study with a key, which is the path of its protocol in the folder.
 
         Raises:
             EditRefusedError: if there is no such file.
@@ -105,7 +105,7 @@ class StudyFolder:
         return Differences(key, earlier_key, list(list_differences(before, after)))
 
     def make(self, request: NewStudyRequest) -> Document:
-        """Write a new study from a template, or as a new version of a study of the folder.
+        """Write a new study from a template, or as a new version of a study of the folder; describe the new file.
 
         Raises:
             EditRefusedError: if there is a study of that name already, or no such template or study.
@@ -166,7 +166,7 @@ class OpenStudy:
         self._state = state
 
     def version(self) -> str:
-        """Return the version of the file as it is now.
+        """Return the version of the file as it is now, the SHA-256 of its bytes.
 
         Raises:
             OSError: if the file cannot be read.
@@ -190,7 +190,7 @@ class OpenStudy:
         return describe_trust(self.path, description.read_values(self.path.read_bytes())[1])
 
     def trust(self, seen_sha256: str) -> Document:
-        """Trust what the file runs and reads, if the code is the one that the user has seen.
+        """Trust what the file runs and reads, if the code is the one that the user has seen; describe the file then.
 
         Raises:
             EditRefusedError: if the code has changed since.

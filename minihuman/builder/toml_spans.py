@@ -139,7 +139,7 @@ class _Scanner:
             path = (*path, key)
             if is_element and number == len(keys):
                 self._counts[path] = self._counts.get(path, 0) + 1
-            if path in self._counts:
+            if path in self._counts:  # a header below an array of tables is about the array's last element
                 path = (*path, self._counts[path] - 1)
         self._skip(_LINE_END)
         self.sections.append(Section(path, is_element, begin, self.position, self.position))

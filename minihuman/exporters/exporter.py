@@ -181,7 +181,7 @@ def export_study(
     ``finish`` can add files before the folder appears. Return the result, with paths in ``out``, and the card.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
-    read from the logs with ``stored_frames``; each is checked against its hash.
+    read from the logs with ``stored_frames``, and checked by their hashes. ``engine`` reads logs: "local" or "ray".
 
     Raises:
         ExportError: if the format is unknown, ``out`` is not empty, no episode is included, or an episode does not

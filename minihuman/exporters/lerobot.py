@@ -408,6 +408,7 @@ class _Dataset:
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
+        # pyarrow finds no type for a column without a value, so such columns are left out
         filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
         table = pa.Table.from_pylist([{name: row[name] for name in filled} for row in self.rows])
         pq.write_table(table, episodes / "file-000.parquet", compression="snappy")

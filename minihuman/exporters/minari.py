@@ -47,7 +47,9 @@ _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of J
 
 @contextmanager
 def _restore_system_errors() -> Iterator[None]:
-    """Raise the operating system's error, which HDF5 reports as the text of a RuntimeError when it closes a file.
+    """Raise, for an error in the context whose text has an error number of the system, the system's error.
+
+    HDF5 reports such errors as the text of a RuntimeError when it closes a file.
 
     Raises:
         OSError: with the error number from the text.
@@ -111,7 +113,7 @@ class _Dataset:
         del facts["seed"]  # Minari has its own place for it
         self._buffers.append(buffer)
         self._facts.append(facts)
-        self._n_bytes += len(pickle.dumps(buffer))
+        self._n_bytes += len(pickle.dumps(buffer))  # about what its arrays take
         if self._n_bytes > _WAITING_BYTES or len(self._buffers) >= _WAITING_EPISODES:
             self._write_waiting()
 
@@ -150,7 +152,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin_dataset(out: Path, name: str, included: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    """Create the files of the dataset ``name``, "STUDY/WORLD", with its first episode's metadata, and its namespaces.
+    """Create a dataset's files, as its first episode describes it, and its namespaces; ``name`` is "STUDY/WORLD".
 
     Raises:
         ExportError: if the observation has a key that HDF5 cannot name.

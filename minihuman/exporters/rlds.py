@@ -186,7 +186,7 @@ def _describe_features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> di
 
 
 def _describe_dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a dictionary of features by their descriptions."""
+    """Describe a dictionary of features as TensorFlow Datasets does, from the description of each feature by name."""
     return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_FEATURES}features_dict.FeaturesDict"}
 
 

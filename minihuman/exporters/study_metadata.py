@@ -65,7 +65,7 @@ def _to_plain(fact: Any) -> str | int:
 
 
 def get_shared_options(included: IncludedEpisode) -> str | dict[str, Any]:
-    """Return the world options shared by all episodes of a dataset; the block's name if they differ by episode."""
+    """Return the world options that all episodes of the episode's dataset share; its block's name if they differ."""
     plan = included.episode.plan
     block = next((block for block in _list_variants(included) if block.name == plan.block_name), None)
     if block is None or isinstance(_get_block_options(block), dict):

@@ -202,7 +202,7 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
-    width, height, n_cooks = row[:3].tolist()
+    width, height, n_cooks = row[:3].tolist()  # with which a kitchen's row begins
     end_of_cooks = rules.COOK + _COOK_SIZE * n_cooks
     cooks = row[rules.COOK : end_of_cooks].reshape(n_cooks, _COOK_SIZE)
     contents = row[end_of_cooks + width * height :].reshape(width, height)  # of the cells, after their kinds

@@ -113,7 +113,7 @@ class AgentHost(RequestHandler):
         return None
 
     def close(self) -> None:
-        """Close the learner."""
+        """End the learner's process, if there is one."""
         if self._learner is not None:
             self._learner.close()
 
@@ -152,7 +152,10 @@ class AgentHost(RequestHandler):
         return NewPolicy(t_ns, policy)
 
     def _learn_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy | None:
-        """Ask the learner for the next policy and adopt its answer; return None while there is none."""
+        """Ask the learner for the next policy and adopt it; return the session's input, or None while no answer came.
+
+        If there is no policy, the input has the reason.
+        """
         if self._learner is None:
             return NewPolicy(t_ns, want.policy, "there is no learner here")
         if not self._learner.busy:
@@ -186,7 +189,7 @@ class AgentHost(RequestHandler):
         )
 
     def _limit_learning_s(self, budget_s: float) -> float:
-        """Return the learner's time limit: the given one, or none if the learner is unhurried."""
+        """Return the learner's time limit in seconds: the given one, or infinity if the learner is unhurried."""
         if self._unhurried:
             return math.inf
         return budget_s
@@ -194,7 +197,7 @@ class AgentHost(RequestHandler):
     # Pairs
 
     def _offer_clip(self, clips: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return a clip of a random pair, or of the pair on which the learner's ensemble disagrees most.
+        """Return clip ``want.place`` (0 or 1) of a random pair, or of one on which the learner's ensemble differs most.
 
         Return None while the learner chooses that pair.
         """

@@ -96,7 +96,7 @@ class ModelWindow(Window):
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Advance the clock to the next input, or to ``until_ns``; return the input.
+        """Advance the clock to the next input and return it in a list, or to ``until_ns`` and return [].
 
         Raises:
             SessionLeft: if the model gives no answer, or the run has to stop.

@@ -113,11 +113,11 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
                 run_session(session, camera, MemoryRecorder(), clock)
             except SimulationError:  # a world without a planner
                 if player == _VISITS[0][0]:
-                    visits.append(_WITHOUT_PLANNER)
+                    visits.append(_WITHOUT_PLANNER)  # the loop goes on to it, as the list grows
             if session.failure is not None:
                 raise describe_world_failure(session, None) from session.failure
         missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
-    return screens, tuple(dict.fromkeys(missing))
+    return screens, tuple(dict.fromkeys(missing))  # each once, though several sessions may have the part
 
 
 @dataclass(frozen=True, slots=True)

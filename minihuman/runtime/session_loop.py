@@ -317,7 +317,10 @@ class _SessionLoop:
             self._show()
 
     def _next_inputs(self) -> list[Input]:
-        """Wait for the next inputs, including the session's tick and a signal that arrived."""
+        """Wait for the next inputs and return them, with the session's tick if it is due and the stop of a signal.
+
+        Return [] if nothing came within `SIGNAL_CHECK_INTERVAL_NS`.
+        """
         tick_ns = self._session.next_tick_ns
         until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
         if tick_ns is not None:

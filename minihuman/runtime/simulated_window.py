@@ -74,7 +74,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming: list[Input] = []  # scheduled inputs, in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Show a screen to the player; it counts as displayed one frame later."""
+        """Show a screen to the player; it counts as displayed one frame later, or at the time when it is due."""
         self._screen = screen
         submit_ns = self._last_ns = self._clock()
         due_ns = None
@@ -144,7 +144,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         ]
 
     def type_text(self, text: str) -> None:
-        """Schedule the typing of a text."""
+        """Schedule the typing of a text after the reading time."""
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
     def choose(self, count: int) -> int:
@@ -160,7 +160,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     # What is pressed next
 
     def _schedule_next(self) -> None:
-        """Schedule the player's next input, as the part's own rules, its simulator or the usual rules choose it."""
+        """Schedule the player's next input: that of the part's own rules, else of its simulator, else the usual one."""
         part = self._session.part
         if self._session.phase is part.phase:
             key = part.simulate(self.choose)

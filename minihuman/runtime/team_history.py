@@ -69,13 +69,16 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
 
 
 def _forget(history: TeamHistory) -> None:
-    """Discard the joint steps of the episode that the team restarts, and that the team had ended."""
+    """Discard the joint steps so far and the fact that the team had ended, since the team restarts its episode."""
     history.steps.clear()
     history.has_ended = False
 
 
 def _read_segment(history: TeamHistory, segment: TeamSegment, key: TeamBlockKey) -> int:
-    """Add the block's events in a segment's log to the history; return the time of the segment's last event."""
+    """Add the block's events in a segment's log to the history; return the time of the segment's last event.
+
+    The time is in nanoseconds, on the clock of ``segment.started_ns``.
+    """
     is_in_team = False
     is_in_block = False
     end_ns = segment.started_ns

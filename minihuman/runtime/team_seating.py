@@ -17,7 +17,7 @@ def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
 
 
 def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
-    """Yield the name and the team of each block with a team, in one group or in all."""
+    """Yield the name and the team of each block with a team, in one group; in all groups if ``group`` is None."""
     groups = [spec.name for spec in protocol.groups] if group is None else [group]
     for block in protocol.blocks:
         for name in groups:

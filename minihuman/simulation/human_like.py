@@ -245,6 +245,7 @@ class HumanLikeParticipant(SimulatedParticipant):
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
             self._learn(*self._last, view_hash)
+            # what is seen is forgotten at a constant rate: 1 - exp(-rate * time), for the time since the last press
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._last_reaction_ms / 1000))
         key = self._choose_key(self._search)
         again = self._last is not None and key == self._last[0]

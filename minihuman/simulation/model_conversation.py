@@ -253,12 +253,12 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
 
 
 def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
-    """Return the indices of the options to click on, so that an answer's options are the chosen ones."""
+    """Return the indices, from 0, of the options to click on so that those of ``argument``, "1 3", are then chosen."""
     indices = [int(number) - 1 for number in argument.split()]
     if rule.ordered:  # earlier choices are undone first, the last one first
         return [*reversed(rule.chosen), *indices]
     if rule.many:
-        return sorted({*indices} ^ {*rule.chosen})
+        return sorted({*indices} ^ {*rule.chosen})  # a click on a chosen option takes it back
     return sorted({*indices})
 
 
@@ -397,7 +397,7 @@ class SpentTotals:
     latency_ms: float = 0.0
 
     def add(self, call: ModelCall) -> "SpentTotals":
-        """Return the totals with a finished call added."""
+        """Return the totals with a call added; a call without a result yet changes nothing."""
         if call.state == "asked":
             return self
         return SpentTotals(

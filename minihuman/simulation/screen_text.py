@@ -18,7 +18,7 @@ def join_texts(*texts: str) -> str:
 def list_screen_texts(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
     """Yield the texts of a screen, in reading order; they may be empty.
 
-    A world is described in words if the model receives more than pictures, as ``spec``, the protocol's settings, say.
+    A world in play is described in words unless the modality of ``spec``, the model's settings, is "picture".
     """
     match screen:
         case PlayScreen():

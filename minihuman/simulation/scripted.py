@@ -66,7 +66,7 @@ class OptimalParticipant(SimulatedParticipant):
 
 
 def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
-    """Return the press of the key that carries out an action.
+    """Return the press, after ``delay_ms``, of the key that carries out an action; ``key_of`` has the keys by action.
 
     Raises:
         SimulationError: if the action has no key.

@@ -115,7 +115,7 @@ class Supervisor:
         return bool(self._path)
 
     def hands_back(self) -> bool:
-        """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
+        """Return whether the supervisor returns control; call this after each of its own steps, and after ``plan``."""
         self._n_own_steps += 1
         if self._n_own_steps < self._parameters.min_control_steps:
             return False
@@ -213,7 +213,10 @@ class Rater:
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
-        """Return which of two true returns the rater judges to be better, subject to noise."""
+        """Return which of two true returns the rater judges to be better, subject to noise.
+
+        Apart from lapses, it is "equal" if they differ by no more than the rater's indifference.
+        """
         difference = right - left
         if self._rng.random() < self._parameters.lapse:
             right_probability = 0.5

@@ -157,7 +157,10 @@ def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: Se
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield a row for each key press of a segment, with its duration and the episode in which it happened, if any."""
+    """Yield a row for each key press of a segment, with the episode in which it happened, if any, and its duration.
+
+    The duration is missing if the key's release was not recorded.
+    """
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
     for press in segment.keys:

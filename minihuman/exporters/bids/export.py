@@ -228,7 +228,7 @@ class _Dataset:
     def finish(self, source: Path) -> tuple[Path, ...]:
         """Write the files that describe the whole dataset; return the paths of the dataset's files and folders.
 
-        ``source`` is the exported study's folder or log, beside which a `participants.csv` may lie.
+        ``source`` is the exported study's folder, which may have a `participants.csv`, or a log.
         """
         out = self._out
         stimuli = {

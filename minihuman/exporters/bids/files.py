@@ -75,7 +75,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
 def _format_cell(cell: Any) -> str:
     """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks.
 
-    A text that a spreadsheet would run as a formula is guarded.
+    A text that a spreadsheet would run as a formula gets an apostrophe before it.
     """
     if cell is None or cell == "" or cell != cell:  # NaN is unequal to itself
         return MISSING
@@ -293,7 +293,10 @@ class Phenotype:
         self._names: dict[str, str] = {}  # what each label stands for
 
     def add(self, log: SessionLog, subject: str, session: str) -> None:
-        """Add a session's answers; of an item that was asked again, only the last answer is kept."""
+        """Add a session's answers, under the BIDS labels of the subject and the session.
+
+        If an item was asked again in a part, only the last answer is kept.
+        """
         last_answers = {
             (event.part, event.item): event
             for segment in log.segments

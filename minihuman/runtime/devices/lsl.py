@@ -165,7 +165,7 @@ class LslMarkerRecorder(WrappedRecorder):
         self._queue.put(tuple(events))
 
     def close(self) -> Path | None:
-        """Send the remaining markers and finish the log."""
+        """Send the remaining markers, finish the log, and return its path; None if there is no file."""
         self._queue.put(None)
         self._thread.join()
         return self._recorder.close()
