@@ -30,7 +30,7 @@ _MEDIA_TYPES = {
 
 
 class BuilderApplication:
-    """The ASGI application of the builder for a folder of protocols; the desk closes it when it ends.
+    """The ASGI application of the builder for a folder of protocols; the desk, which serves it, closes it at its end.
 
     Args:
         folder: the folder of the protocols.
@@ -43,11 +43,11 @@ class BuilderApplication:
         self._app = HeaderMiddleware(Router(routes), build_headers(policy=_POLICY))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Answer an ASGI request: serve a file of the page, or an answer of the builder's interface."""
         await self._app(scope, receive, send)
 
     def close(self) -> None:
-        """End previews and simulations."""
+        """End the previews and simulations that the page started, and erase what they recorded."""
         self._previews.close()
 
 

@@ -78,7 +78,7 @@ def draw_cell(cell: str) -> bytes:
             picture = world.frame("full", (3 * CELL_PX, 3 * CELL_PX))
     except (MinihumanError, ValueError):
         return BLANK_PNG
-    middle = slice(CELL_PX, 2 * CELL_PX)
+    middle = slice(CELL_PX, 2 * CELL_PX)  # of the diagram's three cells
     return _encode_png(picture[middle, middle])
 
 
@@ -86,7 +86,8 @@ def draw_cell(cell: str) -> bytes:
 def draw_template(name: str) -> bytes:
     """Draw the picture for a template's card as a PNG; a blank one if the template cannot be drawn.
 
-    It is the world of the first episode after its reset or, if that has few colours, the session's fullest stimulus.
+    The picture shows the world of the first participant's first episode after its reset. If that picture has few
+    colours, it shows the stimulus screen of the session with the most pixels that differ from the background.
     """
     for study in list_shipped_studies():
         if study.name == name and study.modules:
@@ -95,7 +96,10 @@ def draw_template(name: str) -> bytes:
 
 
 def _draw_in_this_process(name: str) -> bytes:
-    """Draw a template whose modules this process can import."""
+    """Return the PNG for a template's card, drawn in this process; `BLANK_PNG` if the template cannot be drawn here.
+
+    This process must be able to import the template's Python modules, if it has any.
+    """
     try:
         protocol = read_template(name)
         plan = expand_protocol(protocol, enrol_participant(protocol, 0))
@@ -109,7 +113,10 @@ def _draw_in_this_process(name: str) -> bytes:
 
 
 def _draw_in_other_process(study: ShippedStudy) -> bytes:
-    """Draw a template with Python files in a process that can import them and trusts them."""
+    """Return the PNG for a template with Python files, drawn in a process that can import and trusts these files.
+
+    Return `BLANK_PNG` if the process fails or takes more than ``_DRAWING_TIMEOUT_S``.
+    """
     search_path = os.pathsep.join(filter(None, (str(study.path.parent), os.environ.get("PYTHONPATH", ""))))
     modules = ",".join(path.stem for path in study.modules)
     try:
@@ -128,7 +135,7 @@ def _draw_in_other_process(study: ShippedStudy) -> bytes:
 
 
 def _draw_fullest_screen(plan: SessionPlan) -> bytes:
-    """Draw the stimulus screen of a session with the most pixels off the background; b"" if no screen shows one."""
+    """Return a PNG of the session's stimulus screen with the most pixels off the background; b"" if it has none."""
     screens, _ = render_screens([plan], THUMB_PX)
     pictures = [compose_screen(screen, THUMB_PX) for phase, screen in screens if phase.endswith(_STIMULUS_PHASE)]
     if not pictures:
@@ -142,7 +149,7 @@ def _count_drawn_pixels(pixels: NDArray[np.uint8]) -> int:
 
 
 def _count_colours(png: bytes) -> int:
-    """Count the colours of a picture; ``_LEAST_COLOURS`` stands for that number or more."""
+    """Count the colours of a PNG, up to ``_LEAST_COLOURS``, which is returned for any larger number, too."""
     colours = Image.open(io.BytesIO(png)).convert("RGB").getcolors(_LEAST_COLOURS)
     return _LEAST_COLOURS if colours is None else len(colours)
 

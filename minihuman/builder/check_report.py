@@ -25,7 +25,7 @@ from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 def check_study(path: Path) -> CheckReport:
     """Check a protocol with its worlds and texts as `minihuman check` does; worlds that are not trusted do not run.
 
-    The report has either mistakes, or notices and the plan of the first participant.
+    The report has either mistakes, or notices and the plan of all sessions of the first participant.
 
     Raises:
         OSError: if the file cannot be read.

@@ -42,11 +42,16 @@ def is_trusted(tree: dict[str, Any], folder: Path) -> bool:
         tree: the protocol's values.
         folder: the folder of the protocol.
     """
-    return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)
+    return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)  # asks only, and trusts nothing
 
 
 def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistake]]:
-    """Decode a protocol with the files that it names; return it without mistakes, or None with the mistakes."""
+    """Check a protocol and the files that it names; return it with [], or None with the mistakes that were found.
+
+    Args:
+        path: the protocol's file.
+        content: the bytes of this file.
+    """
     source = str(path)
     try:
         decode_protocol(content, source)
@@ -81,7 +86,13 @@ def list_mistakes(error: MinihumanError, source: str, content: bytes) -> list[Mi
 
 
 def _split_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Steps, str]:
-    """Split a line of an error into the path of the field or block that it names, () if none, and the message."""
+    """Split a line of an error into the path of the field or block that it names, () if none, and the message.
+
+    Args:
+        line: the line, such as "study.toml:12: $.blocks[1].episodes: is 0".
+        source: the protocol's path, with which the line may begin.
+        tree: the protocol's values, in which a block that the message names is looked up.
+    """
     line_without_source = line.removeprefix(source)
     prefix = _FIELD_PREFIX.match(line_without_source)
     if prefix is None:
@@ -97,7 +108,7 @@ def _split_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Ste
 
 
 def parse_path(path: str) -> Steps:
-    """Parse a path in the form of errors, such as "$.blocks[1].episodes", into its steps."""
+    """Parse a path as errors write it, "$.blocks[1].episodes", into its steps, ("blocks", 1, "episodes")."""
     return tuple(name or int(number) for name, number in _STEP.findall(path.removeprefix("$")))
 
 
@@ -122,14 +133,20 @@ def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part
 
 
 def _list_uses(tree: dict[str, Any], lanes: list[Lane], part_name: str) -> list[str]:
-    """Return the names of the groups and orders that list a part, each once."""
+    """Return the names of the groups and orders that list a part or put it in another part's place, each once.
+
+    Args:
+        tree: the protocol's values, from which the orders come.
+        lanes: the protocol's lanes, from which the groups come.
+        part_name: the name of the part.
+    """
     groups = [lane.group for lane in lanes if part_name in lane.parts or part_name in lane.replaced.values()]
     orders = [str(order.get("name")) for order in _list_rows(tree, "orders") if part_name in _list_ordered(order)]
     return list(dict.fromkeys([*groups, *orders]))
 
 
 def _list_ordered(order: Mapping[str, Any]) -> list[str]:
-    """Return the parts of an order, of which some may stand together in a list."""
+    """Return the names of the parts of an [[orders]] table, those in its nested lists included."""
     units = order.get("parts")
     if not isinstance(units, list):
         return []
@@ -169,7 +186,12 @@ def describe_pay(tree: dict[str, Any]) -> Pay | None:
 
 
 def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake]:
-    """Return a mistake for each field and value with an earlier version's name, since the forms do not show these."""
+    """Return a mistake for each field and value that has its name of an earlier version; the forms do not show these.
+
+    Args:
+        tree: the protocol's values.
+        document: the protocol's file, which has the lines of the mistakes.
+    """
     renamed = use_current_names(tree).renamed
     places = [(parse_path(path), message) for path, message in renamed]
     return [Mistake(list(path), document.find_line(path), message) for path, message in places]
@@ -188,7 +210,7 @@ def list_lines(document: TomlDocument) -> dict[str, int]:
 
 
 def _list_rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
-    """Return the tables of an array; none if the file has something else there."""
+    """Return the tables of the array ``table`` of a protocol's values; [] if there is something else, or nothing."""
     rows = tree.get(table)
     if not isinstance(rows, list):
         return []
@@ -196,13 +218,13 @@ def _list_rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
 
 
 def _get_table(tree: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return a table by its name; {} if the file has something else there, or nothing."""
+    """Return the table ``name`` of a protocol's values; {} if there is something else, or nothing."""
     table = tree.get(name)
     return table if isinstance(table, dict) else {}
 
 
 def _list_names(content: object) -> list[str]:
-    """Return the texts in a list of names; none if the content is not a list."""
+    """Return the texts in a list, without elements of other types; [] if the content is not a list."""
     if not isinstance(content, list):
         return []
     return [name for name in content if isinstance(name, str)]

@@ -13,7 +13,15 @@ def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[
 
 
 def _list_value_differences(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
-    """Yield the differences of two values at a path: of tables by key, and of arrays of named tables by name."""
+    """Yield the differences of two values: of tables by key, of arrays of named tables by name, else of the whole.
+
+    If named tables that both arrays have stand in another order, the lists of their names are a difference, too.
+
+    Args:
+        before: the value in the first protocol; None if it is missing.
+        after: the value in the second protocol; None if it is missing.
+        path: the path of both, with which the paths of the differences begin.
+    """
     if is_same_value(before, after):
         return
     if isinstance(before, dict) and isinstance(after, dict):
@@ -27,7 +35,7 @@ def _list_value_differences(before: Any, after: Any, path: Path) -> Iterator[Fie
         return
     for name in dict.fromkeys([*names_before, *names_after]):
         number_before, table_before = names_before.get(name, (0, None))
-        number, table_after = names_after.get(name, (number_before, None))
+        number, table_after = names_after.get(name, (number_before, None))  # a removed table keeps its old number
         yield from _list_value_differences(table_before, table_after, [*path, number])
     order_before = [name for name in names_before if name in names_after]
     order_after = [name for name in names_after if name in names_before]
@@ -36,9 +44,9 @@ def _list_value_differences(before: Any, after: Any, path: Path) -> Iterator[Fie
 
 
 def _index_by_name(content: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:
-    """Return the tables of an array with their numbers, by name; none of them for None, a missing array.
+    """Return the number (from 0) and the values of each table of an array, by the table's name.
 
-    Return None if the content is not an array of tables with names.
+    Return {} for None, a missing array, and None if the content is not an array of tables that all have names.
     """
     if content is None:
         return {}

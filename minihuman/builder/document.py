@@ -2,7 +2,7 @@
 
 Comments, spacing, order and the way in which numbers and texts are written stay as they are. Each edit returns a new
 text whose values are compared with what the edit means; a text that cannot be edited so is refused and stays as it is.
-The module knows TOML, not protocols: what may be edited and what it means is decided in `study`.
+The module knows TOML, not protocols: `study_folder` decides what may be edited and what an edit means.
 """
 
 import re
@@ -90,7 +90,7 @@ class TomlDocument:
         return self.text[span.begin : span.end]
 
     def set(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
-        """Set a field to a value; a field that is missing is added.
+        """Return a document in which a field has a value; a field that is missing is added.
 
         Args:
             path: the field.
@@ -99,7 +99,7 @@ class TomlDocument:
                 the value.
 
         Raises:
-            NotEditableError: if that is not possible.
+            NotEditableError: if the text cannot be edited so that this field alone changes.
         """
         current = self.find(path)
         if current is MISSING:
@@ -120,7 +120,7 @@ class TomlDocument:
         )
 
     def remove(self, path: Steps) -> "TomlDocument":
-        """Remove a field, a table, or an element of a list.
+        """Return a document without a field, a table, or an element of a list.
 
         Raises:
             NotEditableError: if there is nothing at the path, or it cannot be removed alone.
@@ -137,7 +137,7 @@ class TomlDocument:
         return self._rewrite(replacements, path, lambda tree: self._delete(tree, path))
 
     def insert(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
-        """Insert an element into a list so that it gets the number with which the path ends.
+        """Return a document with an element inserted into a list, at the number with which the path ends.
 
         Args:
             path: the list, and the element's number in it.
@@ -162,7 +162,7 @@ class TomlDocument:
         return self._rewrite(replacements, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
 
     def move(self, path: Steps, to: int) -> "TomlDocument":
-        """Move an element of a list so that it gets another number; comments above a table's header go with it.
+        """Return a document in which a list's element has another number; comments above a table's header go with it.
 
         Args:
             path: the element.
@@ -185,7 +185,7 @@ class TomlDocument:
         return self._rewrite(replacements, path, lambda tree: _move(_get(tree, array), number, to))
 
     def duplicate(self, path: Steps) -> "TomlDocument":
-        """Insert a copy of an element of a list behind it, with the same text.
+        """Return a document with a copy of a list's element behind it, with the same text.
 
         Raises:
             NotEditableError: if there is no such element, or its lines are in several places.
@@ -198,7 +198,7 @@ class TomlDocument:
         return self.insert((*path[:-1], number + 1), self.find(path), text)
 
     def _set_members(self, path: Steps, current: Mapping[str, Any], content: Mapping[str, Any]) -> "TomlDocument":
-        """Set the members of a table, and remove those that the new table lacks."""
+        """Return a document in which the table at ``path``, now ``current``, has exactly the members of ``content``."""
         document = self
         for key, member in content.items():
             document = document.set((*path, key), member)
@@ -208,7 +208,7 @@ class TomlDocument:
         return document
 
     def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
-        """Edit only the elements between those that the old and the new list have in common at both ends."""
+        """Return a document in which a list, now ``current``, is ``content``; equal elements at both ends are kept."""
         shorter = min(len(current), len(content))
         n_same_before = _count_same_start(current, content)
         n_same_after = min(_count_same_start(current[::-1], content[::-1]), shorter - n_same_before)
@@ -222,7 +222,7 @@ class TomlDocument:
         return document
 
     def _add(self, path: Steps, content: Any) -> "TomlDocument":
-        """Add a field, with the table that contains it if that is missing."""
+        """Return a document with a field added, and with the table that contains it if that is missing."""
         parent, key = path[:-1], path[-1]
         table = self.find(parent)
         if table is MISSING:
@@ -246,7 +246,7 @@ class TomlDocument:
         if is_table and (parent == () or is_implicit or _needs_header(content)):
             return self._append_block(parent, self._format_member((*parent, key), content))
         if is_implicit:
-            header = self._format_section(parent, {key: content}, False)
+            header = self._format_section(parent, {key: content}, False)  # [parent], not [[parent]]
             below = next(section for section in self.spans.sections if is_below(section.path, parent))
             begin, _ = find_core(self.spans, (below, below))
             return begin, begin, f"{header}{self.newline}{self.newline}"
@@ -264,7 +264,7 @@ class TomlDocument:
         return position, position, self._fit_line(position, line)
 
     def _fit_line(self, position: int, line: str) -> str:
-        """Return a line with a line break before it if it is to follow an unfinished line, else behind it."""
+        """Return a line to insert at a position, with a line break: before it after an unfinished line, else behind."""
         if position and self.text[position - 1] != "\n":
             return f"{self.newline}{line}"
         return f"{line}{self.newline}"
@@ -276,7 +276,7 @@ class TomlDocument:
             raise self._refuse(str(error), path) from None
 
     def _format_section(self, path: Steps, table: Mapping[str, Any], is_element: bool) -> str:
-        """Return a table with its header as lines, without a line break at the end."""
+        """Return the lines of a table with its header, [[name]] if ``is_element``; no line break is at the end."""
         name = ".".join(format_key(step) for step in path if isinstance(step, str))
         header = f"[[{name}]]" if is_element else f"[{name}]"
         lines = [header]
@@ -299,7 +299,7 @@ class TomlDocument:
         return self._format_section(path, content, False)
 
     def _insert_block(self, array: Steps, number: int, block: str) -> Replacement:
-        """Return the replacement that puts an element with a header in its place in an array of tables."""
+        """Return the replacement that puts ``block``, an element with a header, at ``number`` in an array of tables."""
         gap = self.newline * 2
         if number < len(self.find(array)):
             begin, _ = find_core(self.spans, list_runs(self.spans, (*array, number))[0])
@@ -312,7 +312,7 @@ class TomlDocument:
         return end, end, f"{gap}{block}"
 
     def _append_block(self, parent: Steps, block: str) -> Replacement:
-        """Return the replacement that puts a table with a header behind those of the table that contains it."""
+        """Return the replacement that puts a table with a header behind the table ``parent``, () for the whole file."""
         gap = self.newline * 2
         if not parent:
             end = len(self.text.rstrip())
@@ -325,7 +325,7 @@ class TomlDocument:
         return end, end, f"{gap}{block}"
 
     def _insert_inline(self, container: Steps, number: int, literal: str) -> list[Replacement]:
-        """Return the replacements that put a member into an inline table, or an element into a list."""
+        """Return the replacements that put a text into an inline table or a list, before member ``number`` or last."""
         members = list(list_members(self.spans, container))
         span = self.spans.values[container]
         if not members:
@@ -360,12 +360,12 @@ class TomlDocument:
         return None
 
     def _list_dotted_pairs(self, path: Steps) -> list[Pair]:
-        """Return the statements with dotted keys that belong to a table, below the headers of tables around it."""
+        """Return the statements that set something in the table at ``path`` by dotted keys, below another header."""
         sections = (section for section in self.spans.sections if not is_below(section.path, path))
         return [pair for section in sections for pair in section.pairs if is_below(pair.path, path)]
 
     def _include_line_break(self, begin: int, end: int) -> tuple[int, int]:
-        """Extend a span of whole lines, for removal, by the line break before it if the text ends without one."""
+        """Return a span of lines to remove, with the line break before it if it ends a text without a last one."""
         if end == len(self.text) and not self.text.endswith("\n"):
             return len(self.text[:begin].removesuffix("\n").removesuffix("\r")), end
         return begin, end
@@ -391,7 +391,7 @@ class TomlDocument:
         return span.member_begin, comma.end() if comma else span.end, ""
 
     def _find_element(self, path: Steps) -> tuple[int, int]:
-        """Return the span of an element of a list.
+        """Return where the text of a list's element begins and ends.
 
         Raises:
             NotEditableError: if the element's lines are in several places.
@@ -419,7 +419,7 @@ class TomlDocument:
     def _rewrite(
         self, replacements: Sequence[Replacement], path: Steps, change: Callable[[dict[str, Any]], object]
     ) -> "TomlDocument":
-        """Return the text with replacements; refuse them if its values are not those that ``change`` makes."""
+        """Return the document with replacements; raise NotEditableError if its values are not what ``change`` makes."""
         text = self.text
         for begin, end, new_text in sorted(replacements, reverse=True):
             text = f"{text[:begin]}{new_text}{text[end:]}"
@@ -465,7 +465,7 @@ def _is_list_of_tables(content: Any) -> bool:
 
 
 def _needs_header(content: Any) -> bool:
-    """Return whether a value has a header: a list of tables, a table of tables only, or a table too long for a line."""
+    """Return whether a new value gets a header: a list of tables, a table of tables, or one too long for a line."""
     if _is_list_of_tables(content):
         return True
     if not isinstance(content, Mapping) or not content:

@@ -77,7 +77,7 @@ def estimate_durations(protocol: Protocol) -> list[Duration]:
 
 
 def _estimate_part(protocol: Protocol, name: str, group: str) -> Seconds:
-    """Estimate a part of a session by its name; 0 s for a part that the estimate cannot know."""
+    """Estimate the duration of the part ``name`` as ``group`` has it; 0 s for a kind of part that is not known here."""
     page = protocol.page_for(name, group)
     if page is not None:
         return _estimate_page(page)
@@ -122,7 +122,12 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
 
 
 def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
-    """Estimate a block with its instructions and its rest, within its limits of successes and time."""
+    """Estimate a block with its instructions and its rest, given its stop criterion and its time limit.
+
+    Args:
+        block: the block.
+        rest_s: the shortest rest after a block, in seconds.
+    """
     total = _estimate_reading(f"{block.title} {block.instructions}").plus(_estimate_rest(block, rest_s))
     episodes = _estimate_episode(block).times(block.episodes)
     if block.stop_criterion is not None:
@@ -134,7 +139,7 @@ def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
 
 
 def _estimate_rest(block: BlockSpec, rest_s: float) -> Seconds:
-    """Estimate the rest after a block, which takes at least ``rest_s``; with a text, the participant ends it."""
+    """Estimate the rest after a block: ``rest_s`` seconds, or more with a rest text, until the participant goes on."""
     if not block.rest_text:
         return Seconds(rest_s, rest_s)
     return Seconds(max(rest_s, _SCREEN_S[0]), max(rest_s, _LONGEST_REST_S))
@@ -157,7 +162,7 @@ def _estimate_episode(block: BlockSpec) -> Seconds:
 
 
 def _estimate_steps(block: BlockSpec) -> Seconds:
-    """Estimate the playing time of an episode, or of one with trials."""
+    """Estimate how long a block's episode is played, or how long its trials take, within the episode's time limit."""
     kind = find_installed_kind(block.kind)
     steps = [share * block.max_steps for share in _STEPS_NEEDED]
     if block.max_steps == 1 or (kind is not None and kind.has_trials):

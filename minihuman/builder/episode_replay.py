@@ -59,7 +59,7 @@ def describe_session(log: SessionLog) -> SessionDetails:
 
 
 def describe_episode(log: SessionLog, number: int) -> EpisodeReplay:
-    """Return what happened in an episode, step by step; the first step is the reset.
+    """Return what happened in the last attempt at an episode, step by step; the first step is the reset.
 
     Raises:
         LogError: if the session has no such episode.
@@ -99,7 +99,10 @@ def draw_step(log: Path, number: int, step: int) -> bytes:
 
 @lru_cache(maxsize=_KEPT_EPISODES)
 def _draw_episode(log: Path, modified_ns: int, number: int) -> tuple[bytes, ...]:
-    """Draw every picture of an episode; ``modified_ns`` is in the cache's key, as a log may have grown since."""
+    """Return every picture of an episode as PNG, that of the reset first.
+
+    ``modified_ns``, the time of the log's last change, is only part of the cache's key, as the log may have grown.
+    """
     return tuple(_encode_png(picture) for picture in render_frames(_find_episode(read_log(log), number), FRAME_PX))
 
 
@@ -124,7 +127,10 @@ def _find_episode(log: SessionLog, number: int) -> EpisodeLog:
 
 
 def _get_pose(episode: EpisodeLog, state: int) -> tuple[_Point | None, float | None]:
-    """Return the position (x, z) and the yaw in radians in a state, 0 for the reset; None for both without a pose."""
+    """Return the position (x, z), in the floor plan's units, and the yaw in radians in a state of an episode.
+
+    Both are None if no pose was recorded. State 0 is that after the reset.
+    """
     x, _, z, yaw_rad = (float(number) for number in episode.poses[state])
     if np.isnan(x):
         return None, None

@@ -126,7 +126,10 @@ def _describe_question_kind(name: str) -> PartKind:
 
 
 def _build_new_part(table: str, kind: str) -> dict[str, Any]:
-    """Return the fields of a new part of a kind: those of an example, without its name, overrides and seeds."""
+    """Return the fields of a new part of a kind: those of a shipped example, without its name, overrides and seeds.
+
+    If no shipped protocol has this kind in the table, the kind is the only field.
+    """
     new = find_example(table, kind) or {"kind": kind}
     for name in ("name", "group_overrides", "seeds"):
         new.pop(name, None)
@@ -151,7 +154,10 @@ def _is_inapplicable(table: str, name: str, kind: str) -> bool:
 
 
 def _build_field(path: str, schema: Schema, is_required: bool, is_common: bool) -> FormField:
-    """Build the field of a form from its path without numbers ("blocks.world") and its JSON schema."""
+    """Build the field of a form from its path without numbers ("blocks.world") and its JSON schema.
+
+    A field that is required or common is shown before the others.
+    """
     options = [option for option in schema.get("anyOf", [schema]) if option.get("type") != "null"]
     name = path.rpartition(".")[2]
     types = [_name_type(path, option) for option in options]
@@ -221,7 +227,10 @@ def _name_element_type(schema: Schema) -> str:
 
 
 def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
-    """Return the values that a field accepts: its fixed words, and the names of what is installed; [] for any value."""
+    """Return the values that a field accepts: its fixed words, and the names of what is installed; [] for any value.
+
+    ``options`` has the JSON schema of each type that the field may have.
+    """
     values: list[Any] = []
     for option in options:
         values += option.get("enum", ()) or (option.get("items") or {}).get("enum", ())
@@ -262,6 +271,7 @@ def _build_settings_form(table: str, kind: str) -> FieldForm:
     schema = msgspec.json.schema(settings)
     definition = schema["$defs"][settings.__name__]
     fields = [
+        # all settings are common, so that the form shows them at once
         _build_field(f"{table}.{name}", field, name in definition.get("required", ()), True)
         for name, field in definition["properties"].items()
     ]

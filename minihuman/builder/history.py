@@ -43,7 +43,10 @@ class FileHistory:
         self._position = len(versions) - 1
 
     def can_step(self, content: bytes, by: int) -> bool:
-        """Return whether there is a version before (-1) or after (+1) the present content of the file."""
+        """Return whether there is a version before (``by`` is -1) or after (+1) the file's present content.
+
+        If the content is not in the history, as another program wrote it, it counts as following the versions.
+        """
         versions = self._list()
         position = self._locate(versions, content)
         if position is None:  # another program has changed the file since
@@ -51,7 +54,7 @@ class FileHistory:
         return 0 <= position + by < len(versions)
 
     def peek(self, content: bytes, by: int) -> bytes:
-        """Return the version before (-1) or after (+1) the present content, and change nothing.
+        """Return the version before (``by`` is -1) or after (+1) the file's present content, and change nothing.
 
         Raises:
             IndexError: if there is none.
@@ -66,7 +69,7 @@ class FileHistory:
         return versions[position + by].read_bytes()
 
     def step(self, content: bytes, by: int) -> bytes:
-        """Return the version before (-1) or after (+1) the present content, which the file is about to become.
+        """Return the version before (``by`` is -1) or after (+1) the file's present content, as the file's new content.
 
         ``can_step`` must have returned True for it.
 
@@ -94,7 +97,10 @@ class FileHistory:
         return versions[:length]
 
     def _locate(self, versions: list[Path], content: bytes) -> int | None:
-        """Return the index of the version with a content: the one written last here, else the latest; else None."""
+        """Return the index of a version that has a content, or None if there is none.
+
+        Of several such versions, the one that this process wrote last is chosen, else the latest.
+        """
         candidates = list(reversed(range(len(versions))))
         if self._position is not None and self._position < len(versions):
             candidates.insert(0, self._position)
@@ -107,7 +113,7 @@ class FileHistory:
         return sorted(path for path in self._folder.iterdir() if path.suffix == _SUFFIX)
 
     def _write(self, versions: list[Path], content: bytes) -> Path:
-        """Write a version with the number after the last one's; return its file."""
+        """Write a version with the number after that of the last of ``versions``; return its file."""
         number = int(versions[-1].stem) + 1 if versions else 1
         path = self._folder / f"{number:08}{_SUFFIX}"
         with replace_durably(path) as file:

@@ -42,7 +42,8 @@ class StudyImports:
             content: the file's bytes.
 
         Raises:
-            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or the file exists.
+            EditRefusedError: if a name is not valid, the file's kind, depth or size is none that a study has, or the
+                file exists, or the folder existed before this import.
             OSError: if the file cannot be written.
         """
         parts = place.split("/")
@@ -83,7 +84,7 @@ class StudyImports:
 def describe_trust(protocol: Path, tree: dict[str, Any]) -> TrustQuestion:
     """Return what a protocol would run or read if it were trusted, with the Python files in its folder."""
     folder = protocol.parent.resolve()
-    untrusted = admit_worlds(list_named_worlds(tree), folder, False)
+    untrusted = admit_worlds(list_named_worlds(tree), folder, False)  # asks only, and trusts nothing
     files = []
     for path in sorted(folder.rglob("*.py"))[:MAX_FILES]:
         text = path.read_bytes()[:MAX_PROTOCOL_BYTES].decode("utf-8", "replace")
@@ -106,7 +107,7 @@ def trust_study(protocol: Path, tree: dict[str, Any], seen_sha256: str) -> None:
     folder = protocol.parent.resolve()
     if _hash_code(folder) != seen_sha256:
         raise _refuse("conflict", "the code has changed since it was shown; look at it again")
-    admit_worlds(list_named_worlds(tree), folder, True)
+    admit_worlds(list_named_worlds(tree), folder, True)  # trusts them, and records it
 
 
 def _hash_code(folder: Path) -> str:

@@ -68,7 +68,7 @@ class MediaFolder:
         return path.read_bytes(), MEDIA_TYPES[path.suffix.lower()]
 
     def write(self, name: str, content: bytes, *, replace: bool = False) -> Media:
-        """Write a file into the folder, and list the files.
+        """Write a file into the folder, and return the list of all files in it.
 
         Raises:
             EditRefusedError: if the name is not valid, or a file with other content has it and is not to be replaced.
@@ -98,7 +98,8 @@ class MediaFolder:
         """Write a table of stimuli unless its cells are the same, and return it as the file has it then.
 
         Raises:
-            EditRefusedError: if the file has changed since it was read, or the rows do not fit the columns.
+            EditRefusedError: if the file's name is not valid, the file has changed since it was read or is not CSV, or
+                the rows do not fit the columns.
             OSError: if the file cannot be written.
         """
         path = self._find_target(request.name)
@@ -121,7 +122,7 @@ class MediaFolder:
         return self.read_table(request.name)
 
     def _find_files(self) -> Iterator[Path]:
-        """Yield the files of the folder and of the folders in it, without hidden ones."""
+        """Yield the files of `MEDIA_TYPES` in the folder and in the folders directly in it, without hidden ones."""
         for pattern in ("*", "*/*"):
             for path in sorted(self._folder.glob(pattern)):
                 is_hidden = any(part.startswith(".") for part in path.relative_to(self._folder).parts)
@@ -165,7 +166,7 @@ class MediaFolder:
 
 
 def _yield_texts(content: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[list[str | int], str]]:
-    """Yield the path of each text in a protocol's values, and the text."""
+    """Yield the path of each text in a value of a protocol, and the text; ``path`` is the path of the value."""
     if isinstance(content, str):
         yield list(path), content
     elif isinstance(content, dict):
@@ -178,6 +179,8 @@ def _yield_texts(content: Any, path: tuple[str | int, ...] = ()) -> Iterator[tup
 
 def _parse_table(content: bytes, name: str) -> tuple[list[list[str]], str]:
     """Return the rows of a CSV file, the first one with the columns' names, and the separator of its cells.
+
+    ``name`` is the file's name, for the text of an error.
 
     Raises:
         EditRefusedError: if the file is not CSV.
@@ -211,6 +214,8 @@ def _parse_pasted(text: str) -> list[list[str]]:
 
 def _format_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]], separator: str) -> bytes:
     """Return a table as CSV in UTF-8; missing cells at the end of a row are empty.
+
+    ``name`` is the file's name, for the text of an error.
 
     Raises:
         EditRefusedError: if the columns' names are not distinct texts, a row is too long, or the table is too large.

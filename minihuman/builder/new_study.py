@@ -33,7 +33,9 @@ _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
 
 
 def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
-    """Write a new study from answers into a folder, with the schema that editors read; return its file.
+    """Write the protocol of a new study into a folder, with the schema that editors read; return the protocol's file.
+
+    The worlds that the draft names are trusted from then on, and so is the folder if it was empty.
 
     Raises:
         ProtocolError: if the answers do not make a valid study.
@@ -102,7 +104,13 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
 
 
 def _copy_version(source: Path, name: str) -> Path:
-    """Copy a protocol within its folder under another name, with the last number of its version one higher."""
+    """Copy a protocol within its folder under another name, and return the new file.
+
+    The last number of the study's version is one higher in the copy.
+
+    Raises:
+        EditRefusedError: if there is a study of that name already.
+    """
     path = source.with_name(f"{name}.toml")
     _require_new(path)
     document = TomlDocument.parse(source.read_bytes().decode()).set(("study", "name"), name)
@@ -112,9 +120,13 @@ def _copy_version(source: Path, name: str) -> Path:
 
 
 def _copy_shipped(study: ShippedStudy, name: str, folder: Path) -> Path:
-    """Copy a protocol of the package and its files under another name; if it has files, into a new folder.
+    """Copy a protocol of the package and its files under another name, and return the new protocol's file.
 
+    A protocol that has files is copied with them into a new folder inside ``folder``, else directly into ``folder``.
     Copied Python files are not trusted; users may trust them after reading them.
+
+    Raises:
+        EditRefusedError: if there is a study of that name already.
     """
     files = study.read_files()
     if files:
@@ -139,7 +151,7 @@ def _require_new(path: Path) -> None:
 
 @cache
 def _decode_draft(name: str) -> Protocol:
-    """Return the protocol that is written for a template which is not a file of the package.
+    """Return the protocol of the template ``name``, one that is written from answers, with the usual answers.
 
     Raises:
         ProtocolError: if there is no such template.
@@ -149,7 +161,7 @@ def _decode_draft(name: str) -> Protocol:
 
 
 def _describe_draft(name: str, summary: str) -> Template:
-    """Describe a template that is written from answers."""
+    """Describe a template whose protocol is written from a user's answers, for the list of templates."""
     protocol = _decode_draft(name)
     title = name.replace("-", " ")
     topics = _list_topics(protocol)
@@ -159,7 +171,7 @@ def _describe_draft(name: str, summary: str) -> Template:
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
-    """Describe a template that is a protocol of the package."""
+    """Describe a template that is a protocol file of the package, for the list of templates."""
     protocol = study.read()
     title = protocol.about.title or protocol.study.name.replace("-", " ")
     return Template(

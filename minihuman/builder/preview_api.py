@@ -1,4 +1,4 @@
-"""The builder's previews and trials, as routes below the builder's path; `api` has those of the file.
+"""The builder's previews and trials, as routes below the builder's path; `study_api` has the routes of the file.
 
     POST api/preview?key=   ShowRequest -> Preview   a session of the file as it is now
     POST api/simulate?key=              -> SimulationRun  201; twenty simulated participants and their report
@@ -120,9 +120,10 @@ class PreviewApi:
         self._temporary.cleanup()
 
     def _post(self, answer: Callable[[Request, bytes], msgspec.Struct]) -> Callable[[Request], object]:
-        """Return the handler of a POST request that encodes what a function answers in another thread.
+        """Return a handler of POST requests that encodes what ``answer`` returns for a request and its body.
 
-        It refuses requests that do not come from a page of the desk, and reports errors as refusals.
+        ``answer`` runs in another thread. The handler refuses requests that do not come from a page of the desk, and
+        reports errors of ``answer`` as refusals.
         """
 
         async def respond(request: Request) -> Response:
@@ -139,14 +140,14 @@ class PreviewApi:
         return respond
 
     def _show(self, request: Request, body: bytes) -> msgspec.Struct:
-        """Serve a session of a study's file as it is now."""
+        """Serve the session that the body asks for, of the study's file as it is now; return the `Preview`."""
         show_request = msgspec.json.decode(body, type=ShowRequest)
         protocol = self._find_study(request).protocol
         desk = request.headers.get("host", "")
         return self._previews.show(PreviewRequest(str(protocol), desk, **msgspec.structs.asdict(show_request)))
 
     def _simulate(self, request: Request, body: bytes) -> msgspec.Struct:
-        """Start a simulation of a study."""
+        """Start a simulation of the study that the request names; return its `SimulationRun`."""
         study = self._find_study(request)
         assert study.protocol is not None
         reports = self._data.parent / REPORTS_FOLDER
@@ -187,7 +188,7 @@ def _build_response(content: msgspec.Struct, status: HTTPStatus) -> Response:
 
 
 async def _send_world_picture(request: Request) -> Response:
-    """Answer with a picture of a built-in world; worlds of other packages are not loaded for it."""
+    """Answer with a picture of the built-in world that the request names, or a blank one for any other world."""
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
         return _build_png_response(BLANK_PNG)
@@ -195,7 +196,7 @@ async def _send_world_picture(request: Request) -> Response:
 
 
 async def _send_world_info(request: Request) -> Response:
-    """Answer with the actions of a built-in world."""
+    """Answer with the `WorldInfo` of the built-in world that the request names, or refuse any other world."""
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
         message = f"{world_id!r} is not a built-in world; its actions are in its own documentation"
@@ -215,7 +216,7 @@ async def _send_cell_picture(request: Request) -> Response:
 
 
 async def _send_template_picture(request: Request) -> Response:
-    """Answer with a picture of a template."""
+    """Answer with the picture for the card of the template that the request names, or a blank one."""
     return _build_png_response(await asyncio.to_thread(draw_template, request.query_params.get("name", "")))
 
 

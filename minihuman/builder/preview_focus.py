@@ -24,7 +24,7 @@ class UnfocusedPage:
         self._script = Response(_SCRIPT_FILE.read_bytes(), media_type="text/javascript")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Answer a request for the page or for the script; leave any other to the application."""
         if scope["type"] != "http" or scope["path"] not in ("/", _ADDRESS):
             await self._app(scope, receive, send)
         elif scope["path"] == _ADDRESS:

@@ -34,7 +34,7 @@ class PreviewProcess:
         self._turn = threading.Lock()
 
     def start(self) -> None:
-        """Start the process, so that the first preview comes sooner."""
+        """Start the process unless it runs, so that the first preview comes sooner."""
         with self._turn:
             self._start_if_needed()
 
@@ -91,7 +91,10 @@ class PreviewProcess:
 
 
 def answer_requests(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Serve the preview that each line of ``requests`` asks for, and answer it with a line, until there are no more."""
+    """Serve the preview that each line of ``requests`` asks for, and write one line to ``answers`` for each.
+
+    Return at the end of ``requests``, or when nothing reads ``answers`` any more. All previews end then.
+    """
     with closing(PreviewServer()) as server:
         for line in requests:
             try:

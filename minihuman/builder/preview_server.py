@@ -84,9 +84,10 @@ class Preview(msgspec.Struct, frozen=True):
 
 
 def plan_preview(protocol: Protocol, request: PreviewRequest) -> tuple[SessionPlan, tuple[str, ...]]:
-    """Plan the session of the first participant of a group, from a part on; return it with the names of all its parts.
+    """Return the plan of the session that a request asks for, and the names of all parts of the whole session.
 
-    Everything but the omitted parts is planned as for that participant: seeds, key maps and orders are the same.
+    The plan is that of the group's first participant, with the same seeds, key maps and orders. It has all parts if the
+    request names none; else that part, and the later ones if the request says ``onward``.
 
     Raises:
         ProtocolError: if the group has no such part.
@@ -124,7 +125,8 @@ def _find_first_slot(protocol: Protocol, group: str) -> int:
 def _select_parts(parts: Sequence[PlannedPart], start: int, end: int) -> tuple[PlannedPart, ...]:
     """Return the parts from index ``start`` to before ``end``.
 
-    Their references to earlier parts are renumbered, or removed if the earlier part is omitted.
+    Where a part leads back to an earlier part, the index of the earlier part is renumbered; it is None if that part is
+    omitted.
     """
     kept = []
     for part in parts[start:end]:
@@ -137,7 +139,9 @@ def _select_parts(parts: Sequence[PlannedPart], start: int, end: int) -> tuple[P
 
 
 def change_language(protocol: Protocol, language: str) -> Protocol:
-    """Return a protocol whose interface has another language's words; the study's own texts stay.
+    """Return a protocol whose interface has another language's words; "" keeps the study's language.
+
+    The texts that the study itself has do not change.
 
     Raises:
         ProtocolError: if the package has no words of the language.
@@ -164,7 +168,7 @@ class _PreviewArrivals(Arrivals):
 
 
 def _restrict_to_desk(protocol: Protocol, desk: str) -> Protocol:
-    """Return a protocol whose page every browser can open, and only the pages of the desk's host can frame."""
+    """Return a protocol whose page any browser can open, and only pages of ``desk`` (host and port) can frame."""
     web = WebSpec(
         image_size_px=protocol.web.image_size_px,
         image_encoding=protocol.web.image_encoding,
@@ -216,7 +220,15 @@ class PreviewServer:
         return Preview(url, names, part.name, part.kind, plan.participant.id, plan.participant.group)
 
     def _serve(self, kind: Kind, app: ASGIApp, data_folder: Path) -> str:
-        """Serve an application on a free port, and close the oldest preview of its kind; return the address."""
+        """Serve an application on a free port, and return its address.
+
+        If more than `MAX_PREVIEWS` of this kind are served then, the oldest is closed.
+
+        Args:
+            kind: whether it is a preview or a trial.
+            app: the application.
+            data_folder: the folder of its recordings, which is erased when it is closed.
+        """
         listening_socket = open_listening_socket(0)
         config = uvicorn.Config(
             app,

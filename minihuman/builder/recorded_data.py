@@ -60,7 +60,7 @@ _DRAWING = threading.Lock()  # matplotlib's settings are those of the whole proc
 
 
 class RecordedStudy:
-    """The recorded sessions of a study.
+    """The recorded sessions of a study, each named by the path of its log in the study's folder.
 
     Args:
         study_entry: the study.
@@ -82,7 +82,7 @@ class RecordedStudy:
             return RecordedData(_format_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
 
     def draw_paths(self, log: str) -> bytes:
-        """Draw the paths of a session's episodes as a PNG.
+        """Draw the paths of a session's episodes as a PNG; ``log`` is the log's path in the study's folder.
 
         Raises:
             EditRefusedError: if there is no such log, or it has nothing to draw.
@@ -105,7 +105,7 @@ class RecordedStudy:
             return png.getvalue()
 
     def describe_session(self, log: str) -> SessionDetails:
-        """Return a session's episodes and answers.
+        """Return the episodes and the answers of a session, which the path of its log in the study's folder names.
 
         Raises:
             EditRefusedError: if there is no such log, or it cannot be read.
@@ -114,7 +114,7 @@ class RecordedStudy:
             return episode_replay.describe_session(read_log(self._find_log(log)))
 
     def describe_episode(self, log: str, number: int) -> EpisodeReplay:
-        """Return a recorded episode step by step.
+        """Return episode ``number`` of a session step by step; ``log`` is the log's path in the study's folder.
 
         Raises:
             EditRefusedError: if there is no such log or episode.
@@ -123,7 +123,7 @@ class RecordedStudy:
             return episode_replay.describe_episode(read_log(self._find_log(log)), number)
 
     def draw_step(self, log: str, number: int, step: int) -> bytes:
-        """Draw what the participant saw after a step of an episode, as a PNG.
+        """Draw what the participant saw after step ``step`` of episode ``number``, as a PNG; step 0 is the reset.
 
         Raises:
             EditRefusedError: if there is no such step, or the world no longer shows what was seen.
@@ -150,7 +150,7 @@ class RecordedStudy:
         return Departure(lines, _format_command(request.kind, *arguments), self.describe())
 
     def _carry_out_departure(self, request: DepartureRequest, note: AuditNote) -> list[str]:
-        """Carry out a departure; return the lines that report it."""
+        """Withdraw or replace a participant; return the lines that report it, as the command prints them."""
         if request.kind == "replace":
             replace_participant(self._folder, request.participant, note)
             return [f"The next session offers {request.participant}'s slot; their data stay."]
@@ -158,7 +158,7 @@ class RecordedStudy:
         return [withdrawal.line(), *withdrawal.left]
 
     def query(self, sql: str) -> QueryAnswer:
-        """Answer a query of the study's tables, which changes nothing.
+        """Answer a query in SQL of the study's tables, with the first `MOST_ROWS` rows; the query changes nothing.
 
         Raises:
             EditRefusedError: if the tables cannot answer it.
@@ -178,7 +178,7 @@ class RecordedStudy:
         )
 
     def annotate(self, request: AnnotationRequest) -> RecordedData:
-        """Annotate a session or an episode, such as with the tag "exclude", or take an annotation back.
+        """Annotate a session or an episode, or take an annotation back; return the sessions as they are then.
 
         Raises:
             EditRefusedError: if there is no such log or episode, the tag is not valid, or there is no reason.
@@ -197,7 +197,7 @@ class RecordedStudy:
         """Export the study into a new folder beside the data.
 
         Raises:
-            EditRefusedError: if the format is unknown, the folder exists, or nothing can be exported.
+            EditRefusedError: if the format is unknown, or nothing can be exported.
         """
         from minihuman.api import export
 
@@ -237,11 +237,16 @@ class RecordedStudy:
         raise _refuse("not_there", f"the study has no log {log!r} any more; reload the page")
 
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
-        """Describe a session of the index; without facts, but with the problem, if its log cannot be read."""
+        """Describe a session for the page; if its log cannot be read, with the problem and mostly empty fields.
+
+        Args:
+            row: the session's row in the session index.
+            running: the sessions of the study that are running, as the study's entry lists them.
+        """
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
         replay = _format_command("replay", _format_path(row.path))
-        if row.summary is None:
+        if row.summary is None:  # the file's name for the participant; nothing is known but the state and the problem
             return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
         notes, problem = _read_notes(row.path)

@@ -36,7 +36,7 @@ _MEASURES = ("exclusions.*.measure", "allocation.stratify_by", "analysis.covaria
 
 
 def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
-    """Give a part or group a new name, in its table and wherever the file mentions it; a session, in its table only.
+    """Return the document with a part or group renamed at every mention, or with a session renamed in its table only.
 
     Args:
         document: the protocol's file.
@@ -63,7 +63,10 @@ def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
 
 
 def _rename_in_measures(document: TomlDocument, old: str, name: str) -> TomlDocument:
-    """Rename a questionnaire in measures, "answer:QUESTIONS.ITEM", and in strata, "QUESTIONS.ITEM" or "QUESTIONS"."""
+    """Return the document with a questionnaire renamed where a measure or a stratum names it.
+
+    A measure is "answer:QUESTIONS.ITEM"; a stratum is "QUESTIONS.ITEM" or "QUESTIONS".
+    """
     for place, measure in _list_matches(document.tree, _MEASURES):
         kind, colon, question = str(measure).rpartition(":")
         questions, point, item_name = question.partition(".")
@@ -73,7 +76,7 @@ def _rename_in_measures(document: TomlDocument, old: str, name: str) -> TomlDocu
 
 
 def _list_matches(tree: Any, patterns: tuple[str, ...]) -> Iterator[tuple[Steps, Any]]:
-    """Yield the path and the value of each match of any of the patterns, whose steps are separated by points."""
+    """Yield the path and the value of each match of each pattern ("groups.*.parts.*") in a protocol's values."""
     for pattern in patterns:
         yield from list_values(tree, tuple(pattern.split(".")))
 

@@ -88,7 +88,11 @@ def find_violation(study_dir: Path, old: dict[str, Any], new: dict[str, Any], to
 
 
 def _collect_by_owner(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
-    """Return the values at a pattern by the name of the table that has them, so that tables may be reordered."""
+    """Return the values that match a pattern, by the name of the table that has them.
+
+    Names are compared instead of numbers, so that tables may be reordered. A table without a name has its number as
+    text; a pattern without "*" has the one name "".
+    """
     values = {}
     for path, content in list_values(tree, tuple(map(str, pattern))):
         owner = tree
@@ -100,7 +104,7 @@ def _collect_by_owner(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
 
 
 def _find_path(tree: dict[str, Any], pattern: Steps, name: str) -> Steps:
-    """Return the path that matches a pattern in the table of a name; the pattern itself if there is none."""
+    """Return the path that matches a pattern in the table called ``name``; the pattern itself if there is none."""
     for path, _ in list_values(tree, tuple(map(str, pattern))):
         if "*" not in pattern or tree[str(path[0])][path[1]].get("name") == name:
             return path
@@ -108,7 +112,12 @@ def _find_path(tree: dict[str, Any], pattern: Steps, name: str) -> Steps:
 
 
 def _find_allocation_change(slot: SlotTaken, toml: bytes) -> tuple[Steps, str] | None:
-    """Return the steps to a field and its error if a file's allocation list differs from the one in use; else None."""
+    """Return a field and an error if a file's allocation list is not the one in use; None if it is, or has a mistake.
+
+    Args:
+        slot: the slot that was taken last, with the digest and the length of the list in use.
+        toml: the bytes of the file.
+    """
     try:
         protocol = decode_protocol(toml)
     except ProtocolError:

@@ -52,7 +52,7 @@ class ShippedStudy:
 
 @cache
 def list_shipped_studies() -> tuple[ShippedStudy, ...]:
-    """Return the protocols that come with the package, by name."""
+    """Return the protocols that come with the package, in the order of their paths."""
     folder = find_shipped_protocol(_KNOWN_PROTOCOL).parent
     studies = []
     for path in sorted(folder.rglob("*.toml")):
@@ -66,7 +66,7 @@ def list_shipped_studies() -> tuple[ShippedStudy, ...]:
 
 
 def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
-    """Return the Python files of a folder that define worlds which a protocol names."""
+    """Return the Python files of a folder that have worlds of a protocol; ``tree`` has the protocol's values."""
     modules = list_foreign_modules(world for world, _ in list_named_worlds(tree))
     paths = (folder / f"{module}.py" for module in sorted(modules))
     return tuple(path for path in paths if path.is_file())
@@ -74,7 +74,12 @@ def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
 
 @cache
 def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
-    """Return the fields that shipped protocols use in a table ("blocks.stimuli"), or only in tables of a kind."""
+    """Return the names of the fields that shipped protocols use in a table, whose path has no numbers.
+
+    Args:
+        table: the table's path: "blocks.stimuli".
+        kind: counts only tables of this kind; "" counts all.
+    """
     fields: set[str] = set()
     for row in _list_rows(table):
         if not kind or row.get("kind", _USUAL_KIND) == kind:
@@ -83,7 +88,14 @@ def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
 
 
 def find_example(table: str, kind: str) -> dict[str, Any] | None:
-    """Return a copy of the smallest table of a kind, without files, in the shipped protocols; None if there is none."""
+    """Return a copy of the shortest table of a kind in the shipped protocols; None if there is none.
+
+    Tables whose text contains "file" are left out, as a new part cannot name files that it does not have.
+
+    Args:
+        table: the table's path without numbers: "blocks".
+        kind: the kind of the table.
+    """
     rows = [row for row in _list_rows(table) if row.get("kind", _USUAL_KIND) == kind and "file" not in str(row)]
     if not rows:
         return None
@@ -103,7 +115,7 @@ def _list_rows(table: str) -> Iterator[dict[str, Any]]:
 
 
 def _read_summary(text: str) -> str:
-    """Return the comment at the top of a file as one paragraph."""
+    """Return the comment at the top of a file's text as one paragraph; "" if the text begins with no comment."""
     lines = []
     for line in text.splitlines():
         if not line.startswith("#"):

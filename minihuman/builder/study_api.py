@@ -201,7 +201,7 @@ class BuilderApi:
         )
 
     def _get(self, path: str, answer: Callable[[Query], msgspec.Struct | None]) -> Route:
-        """Return the route of a GET request that a function answers from its query."""
+        """Return a route for GET requests at ``path``, which ``answer`` answers from the query; None is no content."""
 
         async def respond(request: Request) -> Response:
             return await _answer(partial(answer, dict(request.query_params)))
@@ -215,7 +215,14 @@ class BuilderApi:
         answer: Callable[[Query, Body], msgspec.Struct],
         status: HTTPStatus = HTTPStatus.OK,
     ) -> Route:
-        """Return the route of a POST request that a function answers from its query and its JSON body."""
+        """Return a route for POST requests that a function answers from the query and the JSON body.
+
+        Args:
+            path: the route's path.
+            kind: the struct as which the body is decoded.
+            answer: the function.
+            status: the status of its answers.
+        """
 
         async def respond(request: Request) -> Response:
             content = await _read_body(request, "application/json", MAX_REQUEST_BYTES)
@@ -236,7 +243,7 @@ def _parse_number(text: str) -> int:
 
 
 async def _read_body(request: Request, content_type: str, longest: int) -> bytes | Response:
-    """Return the body of a request of this server's page; the response that refuses the request if it is not valid.
+    """Return the body of a request that comes from this server's page, or the response that refuses the request.
 
     Args:
         request: the request.
@@ -257,7 +264,7 @@ def _build_refusal(error: messages.RefusalReason, message: str) -> Response:
 
 
 async def _send_bytes(read: Callable[[], tuple[bytes, str]]) -> Response:
-    """Answer with the bytes and the media type that a function returns in another thread, or with its refusal."""
+    """Answer with the bytes and the media type that ``read``, run in another thread, returns, or with its refusal."""
     try:
         content, kind = await asyncio.to_thread(read)
     except EditRefusedError as error:
@@ -266,7 +273,11 @@ async def _send_bytes(read: Callable[[], tuple[bytes, str]]) -> Response:
 
 
 async def _answer(build: Callable[[], msgspec.Struct | None], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """Answer with the JSON of what a function returns in another thread, no content for None, or with its refusal."""
+    """Answer with the JSON of what ``build``, run in another thread, returns; with no content if that is None.
+
+    If ``build`` raises an EditRefusedError, a KeyError or an OSError, the answer is a refusal. ``status`` is that of an
+    answer with content.
+    """
     try:
         content = await asyncio.to_thread(build)
     except EditRefusedError as error:

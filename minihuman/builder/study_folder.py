@@ -71,7 +71,7 @@ class StudyFolder:
         return Studies(self.folder.resolve().name, cards, list(list_templates()))
 
     def open(self, key: str) -> "OpenStudy":
-        """Open a study.
+        """Open the study with a key, which is the path of its protocol in the folder.
 
         Raises:
             EditRefusedError: if there is no such file.
@@ -105,7 +105,7 @@ class StudyFolder:
         return Differences(key, earlier_key, list(list_differences(before, after)))
 
     def make(self, request: NewStudyRequest) -> Document:
-        """Write a new study from a template, or as a new version of a study of the folder.
+        """Write a new study from a template, or as a new version of a study of the folder; describe the new file.
 
         Raises:
             EditRefusedError: if there is a study of that name already, or no such template or study.
@@ -125,7 +125,7 @@ class StudyFolder:
         return OpenStudy(study_entry, path, state)
 
     def _describe(self, study_entry: StudyEntry) -> StudyCard:
-        """Return the card of a study; what its protocol would state is empty if it has none."""
+        """Return the card of a study; a study without a protocol has empty values where the protocol would say more."""
         document = None
         if study_entry.protocol is not None:
             document = self._open(study_entry, study_entry.protocol).read()
@@ -166,7 +166,7 @@ class OpenStudy:
         self._state = state
 
     def version(self) -> str:
-        """Return the version of the file as it is now.
+        """Return the version of the file as it is now, the SHA-256 of its bytes.
 
         Raises:
             OSError: if the file cannot be read.
@@ -190,7 +190,7 @@ class OpenStudy:
         return describe_trust(self.path, description.read_values(self.path.read_bytes())[1])
 
     def trust(self, seen_sha256: str) -> Document:
-        """Trust what the file runs and reads, if the code is the one that the user has seen.
+        """Trust what the file runs and reads, if the code is the one that the user has seen; describe the file then.
 
         Raises:
             EditRefusedError: if the code has changed since.
@@ -200,7 +200,7 @@ class OpenStudy:
         return self.read()
 
     def media(self) -> MediaFolder:
-        """Return the files beside the protocol.
+        """Return the folder of the files beside the protocol.
 
         Raises:
             OSError: if the file cannot be read.
@@ -217,7 +217,11 @@ class OpenStudy:
         return self._describe(self.path.read_bytes())
 
     def edit(self, version: str, edits: Sequence[Edit]) -> Document:
-        """Make edits together and write the file, if it is still the version to which they apply.
+        """Make edits together, write the file, and describe it, if it is still the version to which they apply.
+
+        Args:
+            version: the SHA-256 of the file that the caller saw last.
+            edits: the edits, in order; all are made, or none.
 
         Raises:
             EditRefusedError: if the file has changed, an edit is not possible, or enrolment has fixed what it changes.
@@ -256,7 +260,7 @@ class OpenStudy:
         return self._replace(version, lambda old: self._step(old, 1))
 
     def _replace(self, version: str, change: Callable[[bytes], bytes]) -> Document:
-        """Write what ``change`` returns for the file's present bytes, if these are still the given version.
+        """Write what ``change`` returns for the file's present bytes, and describe the new file.
 
         Raises:
             EditRefusedError: if the file is another version now, or ``change`` refuses.
@@ -288,7 +292,7 @@ class OpenStudy:
         return history.step(old, by)
 
     def _apply(self, old: bytes, edits: Sequence[Edit]) -> bytes:
-        """Return the bytes of the file after edits.
+        """Return the file's new bytes, with edits applied to the bytes ``old`` in order.
 
         Raises:
             EditRefusedError: if an edit is not possible, or the file would be too large.
@@ -338,17 +342,22 @@ class OpenStudy:
                 return document.text
 
     def _set(self, document: TomlDocument, path: Steps, content: object) -> TomlDocument:
-        """Set a field; a value that it had before is written as before, so that a reversed edit leaves no trace."""
+        """Return the document with a field set to a value.
+
+        A value that the field had before is written with the same text as then: a reversed edit leaves no trace.
+        """
         literals = self._state.literals
         if literal := document.literal(path):
             literals[path, _make_comparable(document.find(path))] = literal
         return document.set(path, content, literals.get((path, _make_comparable(content)), ""))
 
     def _require_allowed(self, old: bytes, new: bytes) -> None:
-        """Check that a new version changes nothing that enrolment has fixed.
+        """Check that the new bytes of a file change nothing that enrolment has fixed.
+
+        If the old bytes have no values, as they are not valid TOML, nothing is checked.
 
         Raises:
-            EditRefusedError: if it does.
+            EditRefusedError: if they change something that is fixed.
         """
         _, before = description.read_values(old)
         _, after = description.read_values(new)

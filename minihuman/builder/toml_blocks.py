@@ -11,7 +11,10 @@ _BLANK_LINES = re.compile(r"\r?\n?(?:[ \t]*\r?\n)*")
 
 
 def list_runs(spans: Spans, path: Steps) -> list[BlockRun]:
-    """Return each uninterrupted run of a table and the tables below it, in the order of the text."""
+    """Return each uninterrupted run of sections of the table at ``path`` and the tables below it, in the text's order.
+
+    A table has several runs if sections of other tables stand between its own.
+    """
     runs: list[list[Section]] = []
     was_inside = False
     for section in spans.sections:
@@ -25,7 +28,7 @@ def list_runs(spans: Spans, path: Steps) -> list[BlockRun]:
 
 
 def find_core(spans: Spans, run: BlockRun) -> tuple[int, int]:
-    """Return the span of a block with the comments directly above and below it, without the last line break.
+    """Return where a run begins and ends with the comments directly above and below it, without its last line break.
 
     A comment directly above the next header belongs to that header.
     """
@@ -45,7 +48,10 @@ def find_core(spans: Spans, run: BlockRun) -> tuple[int, int]:
 
 
 def find_removable_span(spans: Spans, run: BlockRun) -> tuple[int, int]:
-    """Return the span to remove with a block: with the blank lines behind it, or with those before it if it is last."""
+    """Return where the text to remove with a run begins and ends.
+
+    It includes the run's comments and the blank lines behind it, or those before it if the run is the text's last.
+    """
     begin, end = find_core(spans, run)
     gap = _BLANK_LINES.match(spans.text, end)
     assert gap is not None
@@ -55,7 +61,10 @@ def find_removable_span(spans: Spans, run: BlockRun) -> tuple[int, int]:
 
 
 def _find_comments(text: str, header_begin: int, limit: int) -> int:
-    """Return the beginning of the comment lines directly above a header, at or behind the position ``limit``."""
+    """Return the position in the text at which the comment lines directly above a header begin, not before ``limit``.
+
+    Without comments, return ``header_begin``, the position of the header's line.
+    """
     begin = header_begin
     while begin > limit:
         line_begin = text.rfind("\n", 0, begin - 1) + 1

@@ -51,7 +51,7 @@ def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
 
 
 def _format_inline(content: Any) -> str:
-    """Format a value inside an inline table, which has no line breaks of its own."""
+    """Format a value that stands inside an inline table, without line breaks."""
     match content:
         case str():
             return _format_basic(content)
@@ -64,7 +64,7 @@ def _format_inline(content: Any) -> str:
 
 
 def _format_list(elements: Sequence[Any], newline: str) -> str:
-    """Format a list on one line, or with an element on each line if that would be too long."""
+    """Format a list on one line, or with an element on each line if one line would exceed `LONGEST_LINE`."""
     literals = [format_literal(element, newline=newline) for element in elements]
     line = f"[{', '.join(literals)}]"
     if len(line) <= LONGEST_LINE:
@@ -113,7 +113,13 @@ def _format_string(text: str, old: str, newline: str) -> str:
 
 
 def _format_lines(text: str, old: str, newline: str) -> str:
-    """Format a text of several lines between three quotes; it begins on the line after the opening quotes."""
+    """Format a text of several lines between triple quotes; it begins on the line after the opening quotes.
+
+    Args:
+        text: the text, with "\\n" between its lines.
+        old: the literal that it replaces, whose kind of quotes is kept if it can hold the text; "" for none.
+        newline: how lines end in the file.
+    """
     lines = text.replace("\n", newline)
     if old.startswith("'''") and "'''" not in text and not text.endswith("'") and not _CONTROL.search(text):
         return f"'''{newline}{lines}'''"

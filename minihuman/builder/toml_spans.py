@@ -124,7 +124,7 @@ class _Scanner:
         return Spans(self.text, self.sections, self.values)
 
     def _skip(self, pattern: re.Pattern[str]) -> str:
-        """Advance the position past a match of a pattern, which must match there, and return the matched text."""
+        """Move behind the match of a pattern, which must match at the present position, and return the matched text."""
         match = pattern.match(self.text, self.position)
         assert match is not None, f"position {self.position} of a text that tomllib accepts"
         self.position = match.end()
@@ -139,7 +139,7 @@ class _Scanner:
             path = (*path, key)
             if is_element and number == len(keys):
                 self._counts[path] = self._counts.get(path, 0) + 1
-            if path in self._counts:
+            if path in self._counts:  # a header below an array of tables is about the array's last element
                 path = (*path, self._counts[path] - 1)
         self._skip(_LINE_END)
         self.sections.append(Section(path, is_element, begin, self.position, self.position))
@@ -156,7 +156,7 @@ class _Scanner:
         section.pairs.append(Pair(path, begin, self.position, value_end, len(self.sections) - 1))
 
     def _scan_keys(self) -> list[str]:
-        """Scan a key with its dots, up to the sign that follows, and return the parts between the dots."""
+        """Scan a key up to the "=" or "]" that follows, and return its parts, which dots separate, without quotes."""
         keys = []
         while True:
             self._skip(_SPACE)
@@ -171,7 +171,7 @@ class _Scanner:
             self.position += 1
 
     def _scan_value(self, path: Steps, member_begin: int | None = None) -> int:
-        """Scan a value, and return where it ends.
+        """Scan the value that begins at the present position, record its span, and return where it ends.
 
         Args:
             path: the path of the value.
@@ -249,5 +249,5 @@ def list_members(spans: Spans, path: Steps) -> Iterator[tuple[Steps, Value]]:
 
 
 def is_below(path: Steps, table: Steps) -> bool:
-    """Return whether a path is that of a table or of something inside the table."""
+    """Return whether ``path`` is the path ``table`` itself or that of something inside this table."""
     return path[: len(table)] == table

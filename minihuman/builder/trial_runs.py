@@ -63,7 +63,7 @@ class SimulatedTrial:
         self._thread.start()
 
     def describe(self) -> SimulationRun:
-        """Describe the state of the run."""
+        """Return the state of the run, with the last lines of its commands' output."""
         lines = self._output.read_text(encoding="utf-8", errors="replace").split("\n")
         n_sessions = sum(line.endswith(".mcap") for line in lines)
         report = ""

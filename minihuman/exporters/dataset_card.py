@@ -17,7 +17,7 @@ _UNQUOTED = ("cff-version", "type")  # fields of CITATION.cff that have fixed wo
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split an author's name as in print into family and given names; the given names are "" for a single word."""
+    """Split an author's name, "Given Family" or "Family, Given", into (family, given); given is "" for one word."""
     family, comma, given = name.partition(",")
     if comma:
         return family.strip(), given.strip()
@@ -56,7 +56,7 @@ def build_card(facts: AboutSpec, study: str, year: str, data_dictionary: Mapping
 
 
 def format_citation(facts: AboutSpec, year: str) -> str:
-    """Return a reference to the data set in APA's form."""
+    """Return a reference to the data set in APA's form; the facts must name an author."""
     names = []
     for author in facts.authors:
         family, given = split_name(author.name)
@@ -82,7 +82,7 @@ def _escape_cell(text: str) -> str:
 
 
 def _describe_columns(data_dictionary: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the lines of a table of columns for each table of the data set."""
+    """Yield the lines of Markdown that describe the columns of each table of the data set; none without tables."""
     if data_dictionary:
         yield from ("## Columns", "")
     for table, columns in data_dictionary.items():
@@ -96,7 +96,13 @@ def _describe_columns(data_dictionary: Mapping[str, Mapping[str, Any]]) -> Itera
 
 
 def format_citation_file(facts: AboutSpec, version: str, date: str) -> str:
-    """Return the text of `CITATION.cff`; the date of release is in ISO 8601, such as "2026-01-31"."""
+    """Return the text of `CITATION.cff`.
+
+    Args:
+        facts: the facts about the study.
+        version: the study's version.
+        date: the date of release in ISO 8601, such as "2026-01-31".
+    """
     content: dict[str, Any] = {
         "cff-version": "1.2.0",
         "message": facts.how_to_acknowledge or "If you use these data, please cite them.",
@@ -154,7 +160,13 @@ def _format_scalar(name: str, text: str) -> str:
 
 
 def build_datacite_metadata(facts: AboutSpec, version: str, year: str) -> dict[str, Any]:
-    """Return the metadata of the data set in DataCite's JSON, schema version 4."""
+    """Return the metadata of the data set in DataCite's JSON, schema version 4.
+
+    Args:
+        facts: the facts about the study.
+        version: the study's version.
+        year: the year of publication.
+    """
     content: dict[str, Any] = {
         "schemaVersion": "http://datacite.org/schema/kernel-4",
         "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Behavioural data"},
@@ -215,7 +227,13 @@ def _list_related(references: Sequence[str]) -> Iterator[dict[str, str]]:
 
 
 def build_zenodo_metadata(facts: AboutSpec, version: str, date: str) -> dict[str, Any]:
-    """Return the metadata of a data set in the form that Zenodo's API takes; the date is in ISO 8601."""
+    """Return the metadata of a data set in the form that Zenodo's API takes.
+
+    Args:
+        facts: the facts about the study.
+        version: the study's version.
+        date: the date of publication in ISO 8601.
+    """
     creators = []
     for author in facts.authors:
         person = {

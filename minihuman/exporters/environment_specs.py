@@ -14,7 +14,7 @@ from minihuman.worlds.hashing import resolve_files
 
 
 def build_environment_spec(included: IncludedEpisode) -> EnvSpec | None:
-    """Return the Gymnasium specification of an episode's world, as it is read from a file.
+    """Return the Gymnasium specification of an episode's world, in the form in which it would be read from a file.
 
     It has the world's options and the protocol's step limit. The module that registers the world must have been
     imported. Return None if another machine could not create the world from it: its class is not importable, or an

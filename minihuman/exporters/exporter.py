@@ -70,7 +70,7 @@ class ExportCard:
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def count(self, facts: Mapping[str, Any]) -> None:
-        """Count an episode by each of its facts."""
+        """Count an episode in each of the card's tables, by its study, participant, group, world and so on."""
         for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
             self.counts[name][str(facts[name])] += 1
 
@@ -109,7 +109,7 @@ class ExportCard:
 
 
 def _require_new_folder(out: Path) -> None:
-    """Raise ExportError if a folder is not empty, or is the program's working directory."""
+    """Raise ExportError if a path is a file, a folder that is not empty, or the program's working directory."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder, or move that one away")
     if _is_current_folder(out):
@@ -118,7 +118,11 @@ def _require_new_folder(out: Path) -> None:
 
 @contextmanager
 def _create_atomically(out: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside ``out`` that is renamed to ``out`` on success and removed on an error."""
+    """Yield a temporary folder beside ``out`` that is renamed to ``out`` on success and removed on an error.
+
+    Raises:
+        ExportError: if the temporary folder exists, as another export is running or was interrupted.
+    """
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
         raise ExportError(
@@ -137,14 +141,17 @@ def _create_atomically(out: Path) -> Iterator[Path]:
 
 
 def _is_current_folder(path: Path) -> bool:
-    """Return whether a path is the working directory; if it does not exist, whether it has no name."""
+    """Return whether a path is the working directory; a path that does not exist is it if it has no name."""
     if not path.exists():
         return not path.name
     return path.resolve().samefile(".")
 
 
 def _make_counter(card: ExportCard, progress: Callable[[Path], None]) -> Callable[[Path, Mapping[str, Any]], None]:
-    """Return a function that counts each episode in the card, and reports each log once."""
+    """Return a function that takes an episode's log and facts, and counts the episode in the card.
+
+    The function calls ``progress`` with the log when it differs from that of the episode before.
+    """
     latest_log: Path | None = None
 
     def count_episode(log: Path, facts: Mapping[str, Any]) -> None:
@@ -174,7 +181,7 @@ def export_study(
     ``finish`` can add files before the folder appears. Return the result, with paths in ``out``, and the card.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
-    read from the logs with ``stored_frames``; each is checked against its hash.
+    read from the logs with ``stored_frames``, and checked by their hashes. ``engine`` reads logs: "local" or "ray".
 
     Raises:
         ExportError: if the format is unknown, ``out`` is not empty, no episode is included, or an episode does not

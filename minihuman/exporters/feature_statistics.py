@@ -31,7 +31,7 @@ class FeatureStatistics:
         share = np.cumsum(counts, axis=1) / counts[0].sum()
         self._n_samples = int(counts[0].sum())
         self._low = scale[occurs.argmax(axis=1)]
-        self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]
+        self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]  # the last level that occurs
         self._sum = counts @ scale
         self._squares = counts @ scale**2
         return np.array([scale[np.searchsorted(channel, _LEVELS)] for channel in share]).T
@@ -57,9 +57,9 @@ class FeatureStatistics:
         self._quantiles = self._quantiles + other._quantiles
 
     def statistics(self) -> dict[str, Any]:
-        """Return the statistics in LeRobot's form: a list with one entry per number.
+        """Return each statistic by LeRobot's name for it, as a list with one entry per number of the feature.
 
-        For pictures, it is a list of [[number]], one per channel.
+        For pictures, it is a list of [[number]], one per channel. "count" is a list with the number of frames.
         """
         mean = self._sum / self._n_samples
         values = {
@@ -77,6 +77,7 @@ def _count_levels(samples: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Return how often each of the 256 levels occurs; two samples are counted at a time, which is faster."""
     n_pairs = len(samples) // 2
     pairs = np.ascontiguousarray(samples[: 2 * n_pairs]).view(np.uint16)
+    # a pair is one number of 16 bits: its high byte is the row, its low byte the column
     by_pair = np.bincount(pairs, minlength=1 << 16).reshape(256, 256)
     counts: NDArray[np.int64] = by_pair.sum(axis=0) + by_pair.sum(axis=1)
     return counts + np.bincount(samples[2 * n_pairs :], minlength=256)

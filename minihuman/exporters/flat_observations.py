@@ -40,7 +40,7 @@ _MIN_PICTURE_PX = 32  # a smaller array is taken for an encoded grid
 
 
 def stack_observations(observations: Sequence[Any]) -> Any:
-    """Stack a list of observations or actions into arrays; dicts stay dicts, and texts become lists."""
+    """Stack a list of observations or actions into arrays; dicts and tuples keep their form, texts become lists."""
     first = observations[0]
     if isinstance(first, dict):
         return {key: stack_observations([observation[key] for observation in observations]) for key in first}
@@ -84,7 +84,7 @@ def is_picture(space: gymnasium.Space[Any]) -> bool:
 
 
 def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArray[Any]:
-    """Put all numbers of an observation in one row, ordering the parts of a dict by key; texts are omitted as metadata.
+    """Put all numbers of an observation in one row, with the parts of a dict in the order of the keys, without texts.
 
     The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
     """
@@ -118,7 +118,7 @@ def name_flat_observation(observation: Any, prefix: str = "") -> list[str]:
 
 
 def _flatten_parts(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]]:
-    """Return the numbers of each part of an observation, flat; texts have none."""
+    """Return the numbers of each part of an observation as an array of one dimension; texts are left out."""
     parts: list[NDArray[Any]] = []
     match space:
         case gymnasium.spaces.Dict():
@@ -162,7 +162,7 @@ def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> 
 
 
 def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
-    """Return the steering of one step (0 is the first) as plain values, with the policy's action probabilities."""
+    """Return who steered step ``index`` (0 is the first) and what the policy advised; {} if no agent took part."""
     taught = episode.taught
     if taught is None:
         return {}
@@ -198,7 +198,7 @@ def _compute_short_digest(content: Any) -> str:
 
 
 def _insert_mark(name: str, mark: str) -> str:
-    """Insert a mark before the version in a name."""
+    """Insert a mark before the version in a name ("-v0"); append it if there is none."""
     stem, _, version = name.rpartition("-v")
     if stem:
         return f"{stem}-{mark}-v{version}"
@@ -247,7 +247,7 @@ def name_state(demonstration: ReplayedEpisode) -> list[str]:
 
 
 def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
-    """Build the observed numbers, an array of shape (n + 1, numbers).
+    """Build the observed numbers, an array (n + 1, numbers) with a row per observation of an episode of n steps.
 
     If the observation is a picture, the numbers are the agent's pose, or the elapsed share of the episode if the world
     provides no pose.
@@ -441,7 +441,7 @@ class ReplayedStudy:
 
 
 def _replay_observations(included: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
-    """Replay an episode and return its observations; ``draw`` is called at the reset and after each step."""
+    """Replay an episode in ``world`` and return its observations; call ``draw`` at the reset and after each step."""
     episode = included.episode
     drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in included.log.segments)
     if drawn_anew:
@@ -482,7 +482,7 @@ def _require_same_observation(
 
 
 def _read_observations(included: IncludedEpisode) -> tuple[Any, ...]:
-    """Return the observations that the log holds, after checking their hashes."""
+    """Return the observations that the log holds; raise ExportError if it has none, or if a hash differs."""
     episode = included.episode
     if episode.observations is None:
         raise ExportError(

@@ -101,7 +101,10 @@ def _make_key(side: EpisodeClip) -> _FragmentKey:
 
 
 def _cut_fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
-    """Cut a fragment out of a trajectory; ``last`` is the step that leads to the fragment's last observation."""
+    """Cut a fragment out of a trajectory: observations ``first`` to ``last``, and the actions between them.
+
+    Both are numbers of observations; 0 is that of the reset.
+    """
     steps = slice(first, last)
     states = slice(first, last + 1)
     reaches_end = last == len(trajectory["acts"])
@@ -163,7 +166,7 @@ class _ArrowFiles:
 
 
 def _build_trajectory(included: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
-    """Build an episode's trajectory under the names of the imitation library.
+    """Build an episode's trajectory as a row of its dataset, by the names of columns of the imitation library.
 
     Raises:
         ExportError: if the actions are not arrays.
@@ -189,7 +192,7 @@ def _build_trajectory(included: IncludedEpisode, demonstration: ReplayedEpisode)
 
 
 def _stack_observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
-    """Return the n + 1 observations: an array (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
+    """Return the n + 1 observations of n steps: an array (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
     space = demonstration.observation_space
     if is_picture(space):
         return np.stack(demonstration.observations).transpose(0, 3, 1, 2)

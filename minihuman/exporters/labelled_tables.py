@@ -124,7 +124,10 @@ def _convert_column(
 
 
 def _convert_integers(column: TableColumn, cells: "pa.ChunkedArray") -> tuple["pd.Series[Any]", str]:
-    """Convert whole numbers to doubles, or to texts where a double would round them."""
+    """Convert a column of whole numbers to doubles, or to texts if a double would round one of them.
+
+    Return the column, and a note if it has texts, else "".
+    """
     import pandas as pd
 
     numbers = cells.to_pylist()
@@ -136,7 +139,7 @@ def _convert_integers(column: TableColumn, cells: "pa.ChunkedArray") -> tuple["p
 
 
 def _cut_texts(texts: "pd.Series[Any]", kind: LabelledFormat) -> tuple["pd.Series[Any]", str]:
-    """Return texts that fit into the format, and a note if some had to be cut."""
+    """Cut texts to the format's limit; return them, and a note on cut texts or on Stata's long texts, else ""."""
     limit = _TEXT_BYTES[kind]
     encoded = [text.encode() for text in texts]
     n_long = sum(len(content) > limit for content in encoded)

@@ -94,7 +94,7 @@ def build_features(included: IncludedEpisode, first: ReplayedEpisode) -> dict[st
 
 
 def _describe_number(dtype: str, name: str = "") -> dict[str, Any]:
-    """Return the description of a feature that has a single value per frame."""
+    """Return the description of a feature with a single value per frame; ``name`` names this value, "" for no name."""
     names = None
     if name:
         names = [name]
@@ -147,7 +147,7 @@ def build_columns(
 
 
 def _require_small_rewards(included: IncludedEpisode) -> None:
-    """Refuse an episode with a finite reward whose square is not finite."""
+    """Raise ExportError if an episode has a finite reward whose square is not finite."""
     episode = included.episode
     is_too_large = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD)
     if is_too_large.any():
@@ -193,7 +193,14 @@ _TASKS_SHOWN = 20
 
 
 def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], tasks: Sequence[str]) -> str:
-    """Return the text of the dataset card; facts missing from the protocol are omitted."""
+    """Return the text of the dataset card in Markdown, without facts that the protocol lacks.
+
+    Args:
+        study_facts: the facts about the study.
+        world: the id of the dataset's world.
+        info: the content of ``info.json``.
+        tasks: the texts of the tasks, of which the first `_TASKS_SHOWN` are listed.
+    """
     lines = [*_build_front_matter(study_facts), "", f"# {study_facts.title or world}", ""]
     if study_facts.description:
         lines += [study_facts.description, ""]
@@ -340,7 +347,10 @@ class _Dataset:
         self.frames += length
 
     def _add_statistics(self, name: str, column: NDArray[Any]) -> Mapping[str, Any]:
-        """Return an episode's statistics of one feature, and merge them into the dataset's."""
+        """Return an episode's statistics of the feature ``name``, and merge them into those of the dataset.
+
+        A column without a known value has `NO_STATISTICS`.
+        """
         rows = select_known(column)
         if not len(rows):
             return NO_STATISTICS
@@ -372,7 +382,7 @@ class _Dataset:
     def _write_video(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
         """Append an episode's pictures to the current video file, or to the next one if it is full.
 
-        Return their location.
+        Return the columns of the episode's metadata that say where its pictures are.
         """
         chunk, file = divmod(self._video_number, CHUNK)
         path = self.root / VIDEO_PATH.format(video_key=PICTURE, chunk_index=chunk, file_index=file)
@@ -398,6 +408,7 @@ class _Dataset:
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
+        # pyarrow finds no type for a column without a value, so such columns are left out
         filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
         table = pa.Table.from_pylist([{name: row[name] for name in filled} for row in self.rows])
         pq.write_table(table, episodes / "file-000.parquet", compression="snappy")
@@ -432,7 +443,7 @@ class _Dataset:
 
 
 def _build_table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
-    """Build a table of an episode's frames.
+    """Build a table of an episode's frames, without its pictures, which are in a video.
 
     A feature with one number is a plain column; readers refuse lists of length one.
     """

@@ -47,7 +47,9 @@ _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of J
 
 @contextmanager
 def _restore_system_errors() -> Iterator[None]:
-    """Raise the operating system's error, which HDF5 reports as the text of a RuntimeError when it closes a file.
+    """Raise, for an error in the context whose text has an error number of the system, the system's error.
+
+    HDF5 reports such errors as the text of a RuntimeError when it closes a file.
 
     Raises:
         OSError: with the error number from the text.
@@ -73,7 +75,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write one dataset per study and world."""
+    """Write one dataset per study and world, as for `export`."""
     replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
     datasets: dict[str, _Dataset] = {}
     for world, included, demonstration in replayed:
@@ -111,7 +113,7 @@ class _Dataset:
         del facts["seed"]  # Minari has its own place for it
         self._buffers.append(buffer)
         self._facts.append(facts)
-        self._n_bytes += len(pickle.dumps(buffer))
+        self._n_bytes += len(pickle.dumps(buffer))  # about what its arrays take
         if self._n_bytes > _WAITING_BYTES or len(self._buffers) >= _WAITING_EPISODES:
             self._write_waiting()
 
@@ -150,7 +152,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin_dataset(out: Path, name: str, included: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    """Create a dataset's folder, namespaces and metadata, described by its first episode.
+    """Create a dataset's files, as its first episode describes it, and its namespaces; ``name`` is "STUDY/WORLD".
 
     Raises:
         ExportError: if the observation has a key that HDF5 cannot name.
@@ -238,7 +240,13 @@ def _make_namespace(folder: Path, description: str) -> None:
 
 
 def _describe_dataset(included: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
-    """Return the description of a dataset."""
+    """Return the text that describes a dataset.
+
+    Args:
+        included: the first episode of the dataset.
+        study_facts: the facts about the study.
+        recoverable: whether another machine can create the environment by its name.
+    """
     lines = [study_facts.description or study_facts.title or f"The study {included.log.plan.study}."]
     lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
     if not recoverable:
@@ -247,7 +255,7 @@ def _describe_dataset(included: IncludedEpisode, study_facts: AboutSpec, *, reco
 
 
 def _list_requirements(included: IncludedEpisode) -> list[str]:
-    """Return the pip requirements of the environment."""
+    """Return the pip requirements of the episode's environment: this package, and the one that has the world."""
     module, colon, _ = included.episode.plan.world.partition(":")
     if colon:
         distributions = packages_distributions().get(module.partition(".")[0], [])
@@ -260,7 +268,7 @@ def _list_requirements(included: IncludedEpisode) -> list[str]:
 
 
 def _build_buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
-    """Build the episode buffer that Minari stores."""
+    """Build the episode buffer that Minari stores; an episode that did not terminate ends truncated."""
     episode = demonstration.episode
     truncated = episode.truncated.copy()
     truncated[-1] |= not episode.terminated[-1]

@@ -60,7 +60,13 @@ GUARD_LINES = (
 
 
 def describe_reading(table: str, file: str, *, data_dictionary: str = "dictionary.json") -> tuple[str, ...]:
-    """Return the lines of a README about reading the exported CSV files, with one table and its file as the example."""
+    """Return the lines of a README about reading the exported CSV files.
+
+    Args:
+        table: the name of the table that is the example.
+        file: the path of its file in the export.
+        data_dictionary: the path of the file with the types and meanings of the columns.
+    """
     names = {"table": table, "file": file, "data_dictionary": data_dictionary}
     return (
         "## How to read the files",

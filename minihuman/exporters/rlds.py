@@ -100,7 +100,7 @@ def _append_zeros(rows: NDArray[Any]) -> NDArray[Any]:
 
 
 def _require_float32_rewards(included: IncludedEpisode) -> None:
-    """Refuse an episode with a finite reward that float32 cannot hold."""
+    """Raise ExportError if an episode has a finite reward that float32 cannot hold."""
     episode = included.episode
     is_beyond = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max)
     if is_beyond.any():
@@ -123,7 +123,12 @@ class _Dataset:
         root.mkdir(parents=True)
 
     def add(self, steps: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
-        """Append an episode to the current file, or to a new one if it is full."""
+        """Append an episode to the current file, or to a new one if it is full.
+
+        Args:
+            steps: the episode's steps as columns, from ``build_steps``.
+            facts: the episode's facts, which become its metadata.
+        """
         if not self._shards or self._shards[-1][1] >= SHARD_BYTES:
             self._shards.append([0, 0])
         self._features = self._features or _describe_features(steps, facts)
@@ -136,7 +141,7 @@ class _Dataset:
         self._shards[-1] = [n_episodes + 1, n_bytes + len(record)]
 
     def _name_file(self, number: int, n_files: int | None = None) -> Path:
-        """Return the path of the file with a number, which names the number of files once it is known."""
+        """Return the path of file ``number``, from 0; ``n_files`` is None until the number of files is known."""
         name = f"{self._name}-train.tfrecord-{number:05d}"
         if n_files is not None:
             name += f"-of-{n_files:05d}"
@@ -166,7 +171,7 @@ class _Dataset:
 
 
 def _describe_features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe the features of the examples in the form that TensorFlow Datasets reads."""
+    """Describe the features of an episode, its steps and its facts, in the form that TensorFlow Datasets reads."""
     kinds = {name: _describe_feature(values) for name, values in steps.items()}
     observation_kinds = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
     inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {
@@ -181,7 +186,7 @@ def _describe_features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> di
 
 
 def _describe_dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a dictionary of features by their descriptions."""
+    """Describe a dictionary of features as TensorFlow Datasets does, from the description of each feature by name."""
     return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_FEATURES}features_dict.FeaturesDict"}
 
 
@@ -228,9 +233,9 @@ _MESSAGES: dict[str, Any] = message_factory.GetMessages([text_format.Parse(_SCHE
 
 
 def encode_example(columns: Mapping[str, Any]) -> bytes:
-    """Encode a ``tf.train.Example``.
+    """Encode columns of values, by feature, as a ``tf.train.Example``.
 
-    Texts and pictures are encoded as bytes, integers and booleans as int64, and other numbers as float.
+    Texts and pictures (rows, H, W, 3) are encoded as bytes, integers and booleans as int64, and other numbers as float.
     """
     example = _MESSAGES["Example"]()
     for name, values in columns.items():

@@ -48,7 +48,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _write_environment(data: h5py.Group, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-    """Write the attributes that describe the environment and the names of actions and states."""
+    """Write the attributes of the group ``data``: the environment, and the names of the actions and the states."""
     plan = included.episode.plan
     environment = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": resolve_files(plan.options)}
     data.attrs["env_args"] = json.dumps(environment, default=str)
@@ -58,7 +58,7 @@ def _write_environment(data: h5py.Group, included: IncludedEpisode, demonstratio
 
 
 def _write_demonstration(data: h5py.Group, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-    """Write an episode as the next demonstration; each step has its observation and the next one."""
+    """Write an episode as the next demonstration in the group ``data``; a step has its observation and the next one."""
     episode = included.episode
     n_steps = len(episode.actions)
     group = data.create_group(f"demo_{len(data)}")

@@ -25,7 +25,7 @@ def get_licence_id(study_facts: AboutSpec) -> str:
 
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
-    """Return the devices in a session's protocol, by name; none if the plan has no protocol."""
+    """Return the devices in a session's protocol, by name; {} if the plan has no protocol."""
     protocol = decode_plan_protocol(plan.protocol_toml)
     if protocol is None:
         return {}
@@ -65,7 +65,7 @@ def _to_plain(fact: Any) -> str | int:
 
 
 def get_shared_options(included: IncludedEpisode) -> str | dict[str, Any]:
-    """Return the world options shared by all episodes of a dataset; the block's name if they differ by episode."""
+    """Return the world options that all episodes of the episode's dataset share; its block's name if they differ."""
     plan = included.episode.plan
     block = next((block for block in _list_variants(included) if block.name == plan.block_name), None)
     if block is None or isinstance(_get_block_options(block), dict):

@@ -46,7 +46,10 @@ CONTEXT: dict[str, Any] = {
 
 
 def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table as Parquet, and ``croissant.json``, which describes them; list no files without a session."""
+    """Write every table as Parquet, and ``croissant.json``, which describes them.
+
+    Without a session, the result names no files.
+    """
     exported = export_tables(chosen, out, "parquet")
     if exported.plan is None:
         return replace(exported.export, paths=())
@@ -115,7 +118,7 @@ def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
 
 
 def _describe_author(author: AuthorSpec, kind: str) -> dict[str, str]:
-    """Describe an author as a person; ``kind`` is the name of that type in the vocabulary."""
+    """Describe an author as a person; ``kind`` is the name that the vocabulary has for a person: "sc:Person"."""
     person = {"@type": kind, "name": author.name}
     if author.orcid:
         person["@id"] = _build_orcid_url(author)
@@ -136,7 +139,7 @@ _PSYCH_DS_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number"
 
 
 def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table as CSV, and ``dataset_description.json``; list no files if there is no session."""
+    """Write every table as CSV, and ``dataset_description.json``; without a session, the result names no files."""
     exported = export_tables(chosen, out / "data", "csv")
     plan = exported.plan
     if plan is None:
@@ -209,7 +212,7 @@ def _describe_variables(exported: ExportedTables, tables: list[str]) -> Iterator
 def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table as CSV, and ``datapackage.json`` with the meaning of the columns and facts about the study.
 
-    List no files if there is no session.
+    Without a session, the result names no files.
     """
     exported = export_tables(chosen, out, "csv")
     plan = exported.plan

@@ -50,7 +50,7 @@ class ExportedTables:
     further_columns: Mapping[str, tuple[TableColumn, ...]]  # by table: of labels and recorded info, and of people
 
     def find_columns(self, table: str) -> list[TableColumn]:
-        """Return the columns of a written table."""
+        """Return the columns of a written table, by the table's name; [] if no table has this name."""
         columns = [column for column in TABLES.get(table, ()) if column.name not in COLUMNS_NEEDING_WORLD]
         return [*columns, *self.further_columns.get(table, ())]
 

@@ -139,7 +139,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _name_trajectories(layout_name: str, rules: str) -> str:
-    """Return a file name without suffix: the layout's name, with the rules if they are those of 2019."""
+    """Return a file name without suffix: the layout's name, with "_2019" if ``rules`` is "2019"."""
     name = "".join(letter if letter.isalnum() else "_" for letter in layout_name)
     if rules == "2019":
         return f"{name}_2019"
@@ -163,7 +163,15 @@ _CLOCK_SHIFT = 7
 def _describe_trajectory(
     included: IncludedEpisode, team: TeamRecord, kitchen: "Kitchen", layout_name: str, states: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Describe an episode as an Overcooked-AI trajectory; ``states`` are the kitchen's states at each step."""
+    """Describe an episode as an Overcooked-AI trajectory.
+
+    Args:
+        included: the episode.
+        team: its joint actions and rewards.
+        kitchen: the kitchen, whose layout and rules are stated.
+        layout_name: the name of the layout.
+        states: the states of the kitchen from `describe_state`, that after the reset first.
+    """
     rewards = team.rewards[:, 0].astype(int).tolist()  # every seat has the same
     n_steps = len(rewards)
     dones = [step == n_steps for step in range(1, n_steps + 1)]
@@ -190,11 +198,11 @@ def _describe_trajectory(
 
 
 def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
-    """Describe a kitchen's state in the form of Overcooked-AI's ``OvercookedState.to_dict``."""
+    """Describe a kitchen's present state, that after ``step`` steps, as Overcooked-AI's ``OvercookedState.to_dict``."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     row = kitchen.row
-    width, height, n_cooks = row[:3].tolist()
+    width, height, n_cooks = row[:3].tolist()  # with which a kitchen's row begins
     end_of_cooks = rules.COOK + _COOK_SIZE * n_cooks
     cooks = row[rules.COOK : end_of_cooks].reshape(n_cooks, _COOK_SIZE)
     contents = row[end_of_cooks + width * height :].reshape(width, height)  # of the cells, after their kinds
@@ -208,7 +216,13 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
 
 def _describe_object(number: int, position: list[int], times: list[int]) -> dict[str, Any] | None:
-    """Describe the object that a number encodes, None if there is none; ``times`` are the cooking steps by recipe."""
+    """Describe an object as Overcooked-AI does; return None if the number stands for no object.
+
+    Args:
+        number: the object in a kitchen's row: its kind in the lowest three bits, then a soup's contents and clock.
+        position: its column and line.
+        times: the steps that each recipe cooks, by the recipe's index.
+    """
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     kind = number & _KIND_MASK
@@ -234,7 +248,7 @@ def _describe_object(number: int, position: list[int], times: list[int]) -> dict
 
 
 def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
-    """Describe the recipes that earn a bonus and all recipes that can be ordered."""
+    """Describe a kitchen's recipes that earn a bonus and all that can be ordered, as Overcooked-AI does."""
     from minihuman.worlds.grid.kitchen import RECIPES
 
     return {

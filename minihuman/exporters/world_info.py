@@ -14,7 +14,7 @@ InfoColumn = NDArray[np.float64] | list[str]
 
 
 def list_info_values(episode: EpisodeLog, key: str) -> list[Any]:
-    """Return the values of a recorded key, one per step; None where the world gave no value."""
+    """Return the values of a key of ``info``, one per step, None where the world gave none; [] if none was recorded."""
     return [info.get(key) for info in episode.infos or ()]
 
 

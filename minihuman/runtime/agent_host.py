@@ -92,7 +92,13 @@ class AgentHost(RequestHandler):
         self._last_begun: tuple[str, int] | None = None  # policy and episode that an agent began last
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the input that answers a request of the session; None if there is no answer yet."""
+        """Return the input that answers a request of the session; None if there is no answer yet, or none from here.
+
+        Args:
+            want: the request.
+            play: the running episode; None if no episode is running.
+            t_ns: the session's time, which the input gets.
+        """
         match want:
             case PolicyRequest(learning=True):
                 return self._learn_policy(want, t_ns)
@@ -107,7 +113,7 @@ class AgentHost(RequestHandler):
         return None
 
     def close(self) -> None:
-        """Close the learner."""
+        """End the learner's process, if there is one."""
         if self._learner is not None:
             self._learner.close()
 
@@ -146,7 +152,10 @@ class AgentHost(RequestHandler):
         return NewPolicy(t_ns, policy)
 
     def _learn_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy | None:
-        """Ask the learner for the next policy and adopt its answer; return None while there is none."""
+        """Ask the learner for the next policy and adopt it; return the session's input, or None while no answer came.
+
+        If there is no policy, the input has the reason.
+        """
         if self._learner is None:
             return NewPolicy(t_ns, want.policy, "there is no learner here")
         if not self._learner.busy:
@@ -180,7 +189,7 @@ class AgentHost(RequestHandler):
         )
 
     def _limit_learning_s(self, budget_s: float) -> float:
-        """Return the learner's time limit: the given one, or none if the learner is unhurried."""
+        """Return the learner's time limit in seconds: the given one, or infinity if the learner is unhurried."""
         if self._unhurried:
             return math.inf
         return budget_s
@@ -188,7 +197,7 @@ class AgentHost(RequestHandler):
     # Pairs
 
     def _offer_clip(self, clips: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return a clip of a random pair, or of the pair on which the learner's ensemble disagrees most.
+        """Return clip ``want.place`` (0 or 1) of a random pair, or of one on which the learner's ensemble differs most.
 
         Return None while the learner chooses that pair.
         """
@@ -221,7 +230,7 @@ class AgentHost(RequestHandler):
     def _build_pair_request(
         self, want: ClipRequest, pairs: Sequence[tuple[EpisodeClip, EpisodeClip]]
     ) -> LearnerRequest:
-        """Return the request to choose one of these pairs."""
+        """Return the request that the learner chooses one of these pairs."""
         return LearnerRequest(
             logs=[str(path) for path in self._logs()],
             part=want.source,
@@ -236,7 +245,7 @@ class AgentHost(RequestHandler):
     # Advice
 
     def _ask_advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
-        """Return the agent's probability of each action in the running episode, or the reason why it failed."""
+        """Return the agent's probability of each action in the running episode, or a `NewPolicy` with its failure."""
         policy_and_episode = (want.policy, play.plan.episode)
         try:
             with limit_answer_time():
@@ -329,7 +338,7 @@ class AgentHostedPlan(typing.Protocol):
 
     @property
     def needs_learner(self) -> bool:
-        """Return whether a learner makes policies or judges pairs."""
+        """Return whether a learner makes policies for the part, or chooses pairs of clips."""
 
     def plays_policy_file(self, files: Container[str]) -> bool:
         """Return whether the part plays a policy that a learner makes or that is one of the protocol's files."""

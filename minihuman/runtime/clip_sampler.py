@@ -46,7 +46,7 @@ class ClipSampler:
     def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
         """Draw a clip other than ``want.again``; return None if no two clips differ.
 
-        Each ``candidate`` number has its own random stream.
+        Each ``candidate``, the number of a pair among those from which a learner chooses, has a separate random stream.
         """
         if self._part != want.part:
             self._part = want.part
@@ -61,7 +61,7 @@ class ClipSampler:
         return _make_clip(other_starts[word % len(other_starts)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """Return one of the block's latest ``want.count`` episodes as a whole; None if there are no more."""
+        """Return number ``want.number``, from 0, of the block's latest ``want.count`` episodes as a clip, else None."""
         if self._part != want.part:
             self._part = want.part
             self._starts = [(episode, 0) for episode in self._list_episodes(want.source)]

@@ -123,7 +123,16 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
 def _play_layout(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """Play one layout; return whether the person wants another one."""
+    """Play one layout until it ends or the person leaves it; return whether the person wants another one.
+
+    Args:
+        play: the view and the palette.
+        world: the world.
+        keys: the action of each key.
+        window: the window.
+        presses: the keys that the person presses.
+        seed: the seed of the layout.
+    """
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0

@@ -171,7 +171,10 @@ def _check_texts(protocol: Protocol) -> Finding:
 
 
 def _check_sound(protocol: Protocol) -> Iterator[Finding]:
-    """Open the sound device for a study with sounds, and check its clock and whether it is interrupted."""
+    """Open the sound device for a study with sounds, and check its clock and whether it is interrupted.
+
+    Yield one finding, or none if the study has no sounds.
+    """
     contents = list_protocol_sounds(protocol)
     if not contents:
         return

@@ -103,7 +103,10 @@ def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
 
 
 def describe_ending(log: Path, protocol: Path) -> str:
-    """Seal a log, and return one line on how its session ended, how far it came, and how to resume it."""
+    """Seal a log, and return one line on how its session ended, how far it came, and how to resume it.
+
+    ``protocol`` is the study's file, which the command to resume names.
+    """
     summary = summarize_session([log])
     digest = record_log_end(log)
     progress = f"{summary.episodes_completed} of {summary.episodes_planned} episodes"

@@ -21,7 +21,8 @@ _MAX_LENGTH_DIGITS = 9
 def is_own_request(headers: Mapping[str, str]) -> bool:
     """Return whether a request that changes something comes from a page of this server, or from no page at all.
 
-    A browser states the site from which a request comes (`Sec-Fetch-Site`), an older one only its `Origin`.
+    A browser states the site from which a request comes (`Sec-Fetch-Site`), an older one only its `Origin`. The names
+    of ``headers`` are in lower case.
     """
     site = headers.get("sec-fetch-site", "")
     if site:

@@ -71,7 +71,7 @@ class LearnerProcess:
         return self._process.pid
 
     def start(self) -> None:
-        """Start the process before it is needed, since starting takes seconds."""
+        """Start the process if none is running; this is done before it is needed, since it takes seconds."""
         if self._process is None or self._process.poll() is not None:
             self._kill()
             self._process = subprocess.Popen(

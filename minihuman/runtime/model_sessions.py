@@ -55,7 +55,7 @@ from minihuman.worlds.adapters.world import World
 def simulate_models(
     protocol: Protocol, data: Path, *, participants: int, parallel: int, run: ModelRun
 ) -> Iterator[Path]:
-    """Play sessions with a model, ``parallel`` at a time and unfinished ones first; yield the logs.
+    """Play the sessions of ``participants`` models, ``parallel`` at a time and unfinished ones first; yield the logs.
 
     The models' study is kept in the folder ``models`` of the data folder. A model has the slot, the keys and the seeds
     of the participant with its number, and is never counted as a person.

@@ -77,7 +77,7 @@ class ModelWindow(Window):
             self._resume_after(record.call)
 
     def _resume_after(self, last_call: ModelCall) -> None:
-        """Continue a resumed session after its last call; the answer to a call without one in the log is lost."""
+        """Continue a resumed session after its last call; if the log has no answer to this call, record it as lost."""
         spec = self._spec
         if last_call.state == "answered":
             self._attempt = last_call.attempt + (1 if last_call.verdict == "invalid" else 0)
@@ -96,7 +96,7 @@ class ModelWindow(Window):
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Advance the clock to the next input, or to ``until_ns``; return the input.
+        """Advance the clock to the next input and return it in a list, or to ``until_ns`` and return [].
 
         Raises:
             SessionLeft: if the model gives no answer, or the run has to stop.
@@ -211,7 +211,7 @@ class ModelWindow(Window):
         return ""
 
     def _end_session(self, reason: str) -> None:
-        """Make the end of the session its only pending input."""
+        """Replace the session's pending inputs by one that ends the session as failed, for a reason."""
         self._record.coming = [Stop(self._clock(), "player_failed", reason)]
 
     def _ask(self, rule: AnswerRule) -> ModelCall:
@@ -292,7 +292,7 @@ class ModelWindow(Window):
 
 
 class SessionLeft(BaseException):
-    """A session is left to be resumed. It is not an `Exception`, for which the loop would end the session."""
+    """A session is left to be resumed. It is not an `Exception`, as the loop ends the session after one."""
 
     def __init__(self, error: MinihumanError) -> None:
         super().__init__(str(error))
@@ -314,7 +314,7 @@ class ResumableRecorder(WrappedRecorder):
             self._log.drain()
 
     def close(self) -> Path | None:
-        """Finish the log, or leave it to be resumed."""
+        """Finish the log and return its path; if it is to be resumed, leave it unfinished and return None."""
         if not self.leave:
             return super().close()
         self._log.leave()

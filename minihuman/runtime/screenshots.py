@@ -91,6 +91,8 @@ class _Camera(SimulatedWindow):
 def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
     """Play sessions and collect their distinct screens, with the names of their phases.
 
+    ``size_px`` is the width and height for which the screens are made.
+
     Returns:
         The screens, and the names of the parts that no player reached.
 
@@ -111,11 +113,11 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
                 run_session(session, camera, MemoryRecorder(), clock)
             except SimulationError:  # a world without a planner
                 if player == _VISITS[0][0]:
-                    visits.append(_WITHOUT_PLANNER)
+                    visits.append(_WITHOUT_PLANNER)  # the loop goes on to it, as the list grows
             if session.failure is not None:
                 raise describe_world_failure(session, None) from session.failure
         missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
-    return screens, tuple(dict.fromkeys(missing))
+    return screens, tuple(dict.fromkeys(missing))  # each once, though several sessions may have the part
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +136,7 @@ class Screenshots:
 
 
 def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1280, 720)) -> Screenshots:
-    """Write every screen as a PNG, and a contact sheet of all of them."""
+    """Write every screen of the sessions as a PNG of ``size_px``, width and height, and a contact sheet of them all."""
     out.mkdir(parents=True, exist_ok=True)
     screens, missing = render_screens(plans, size_px)
     pictures = []

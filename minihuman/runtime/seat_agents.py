@@ -42,7 +42,7 @@ class SeatAgent:
         agent.begin(plan, self._world)
 
     def choose(self, steps: Sequence[JointAction]) -> int:
-        """Return the agent's action after these joint actions.
+        """Return the agent's action after ``steps``, all joint actions of the episode so far.
 
         Raises:
             WorldError: if the agent gives no action a positive probability.
@@ -150,7 +150,10 @@ class SeatAgents:
         self._agents.clear()
 
     def _load_agent(self, seat: int, purpose: str) -> BaseAgent:
-        """Return the agent of a seat; in the seat of a person who left, the team's stand-in."""
+        """Return the agent of a seat; in the seat of a person who left, the team's stand-in.
+
+        ``purpose`` names the random stream of a simulated participant.
+        """
         kind = self._team.seats[seat]
         if kind == PERSON:
             kind = self._rules.stand_in

@@ -243,7 +243,10 @@ class _SessionLoop:
             self._stop_for_log(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Keep a failure on the screen until a key is pressed, the window closes, a signal comes or time is up."""
+        """Keep a failure of the world or the log, if there was one, on the screen for ``last_screen_s`` at most.
+
+        A key press, a signal and the closing of the window end this earlier.
+        """
         if not (self._failed or self.log_error):
             return
         try:
@@ -314,7 +317,10 @@ class _SessionLoop:
             self._show()
 
     def _next_inputs(self) -> list[Input]:
-        """Wait for the next inputs, including the session's tick and a signal that arrived."""
+        """Wait for the next inputs and return them, with the session's tick if it is due and the stop of a signal.
+
+        Return [] if nothing came within `SIGNAL_CHECK_INTERVAL_NS`.
+        """
         tick_ns = self._session.next_tick_ns
         until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
         if tick_ns is not None:
@@ -332,7 +338,7 @@ class _SessionLoop:
         return inputs
 
     def _read_commands(self) -> list[ExperimenterCommand]:
-        """Return the experimenter's new requests; none if the inbox was read a moment ago."""
+        """Return the experimenter's new requests; [] without an inbox, or if it was read a moment ago."""
         now_ns = self._clock()
         if self._inbox is None or now_ns < self._next_read_ns:
             return []

@@ -70,7 +70,7 @@ class SeatWindow(Window):
 
     @property
     def has_nothing_to_do(self) -> bool:
-        """Return whether the person in this seat has nothing to do."""
+        """Return whether the seat has no screen yet, or shows a text that asks its person for nothing."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
@@ -95,9 +95,9 @@ class SeatWindow(Window):
         self.show(screen)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Wait until the seat's person does something, its screen was shown, or another seat wakes it up.
+        """Wait until the seat's person does something, its screen was shown, another seat wakes it up, or ``until_ns``.
 
-        It returns one input at a time, so that a screen's time is later than what the session did before.
+        Return a list of one input, so that a screen's time is later than what the session did before, or [].
         """
         try:
             timeout_s = None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9)
@@ -190,7 +190,7 @@ class SharedWindow:
         if self._front not in in_view:
             in_view = [self._front]
         visible = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
-        displayed = {(seat, id(screen)) for seat, screen in self._displayed}
+        displayed = {(seat, id(screen)) for seat, screen in self._displayed}  # by identity: an equal screen may be new
         new = [(seat, screen) for seat, screen in visible if (seat, id(screen)) not in displayed]
         if not new and len(visible) == len(displayed):
             return
@@ -205,7 +205,7 @@ class SharedWindow:
         self._displayed = visible
 
     def _route(self, happened: Input) -> None:
-        """Pass an input to the seats that it is for."""
+        """Pass an input to the seats that it concerns; a key's release goes to the seats that received its press."""
         match happened:
             case KeyDown(key=key):
                 if not happened.repeat or key not in self._down:
@@ -224,7 +224,7 @@ class SharedWindow:
         """Return the seats that receive a key, judging by what people see.
 
         Keys that stop a session, and all keys while a question about the sessions is shown, go to every active seat.
-        During play, other keys go to the seats that have them.
+        During play, other keys go to the seats that have them; outside of play, to the seats whose screens are shown.
         """
         phases = {seat.session.phase for seat in self._active_seats if seat.session is not None}
         if key in _STOP_KEYS or phases.intersection(_QUESTION_PHASES):

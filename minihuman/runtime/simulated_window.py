@@ -74,7 +74,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming: list[Input] = []  # scheduled inputs, in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Show a screen to the player; it counts as displayed one frame later."""
+        """Show a screen to the player; it counts as displayed one frame later, or at the time when it is due."""
         self._screen = screen
         submit_ns = self._last_ns = self._clock()
         due_ns = None
@@ -128,7 +128,7 @@ class SimulatedWindow(Window, SimulatedPerson):
                 self.participant.begin(play.plan, self._session.plan.key_pool, play.world)
 
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
-        """Schedule the press and release of a key."""
+        """Schedule the press of a key ``delay_ms`` from now, and its release ``hold_ms`` later."""
         down_ns = self._clock() + round(delay_ms * NS_PER_MS)
         up_ns = down_ns + round(hold_ms * NS_PER_MS)
         self._coming += [KeyDown(down_ns, key, key), KeyUp(up_ns, key, key)]
@@ -144,11 +144,11 @@ class SimulatedWindow(Window, SimulatedPerson):
         ]
 
     def type_text(self, text: str) -> None:
-        """Schedule the typing of a text."""
+        """Schedule the typing of a text after the reading time."""
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
     def choose(self, count: int) -> int:
-        """Draw a number below ``count``, determined by the study's seed, the participant and earlier draws."""
+        """Draw a number from 0 to ``count`` - 1, which the study's seed, the participant and earlier draws fix."""
         plan = self._session.plan
         purpose = f"simulated-answers-session-{plan.session}"
         if self._before:
@@ -160,7 +160,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     # What is pressed next
 
     def _schedule_next(self) -> None:
-        """Schedule the player's next input, as the part's own rules, its simulator or the usual rules choose it."""
+        """Schedule the player's next input: that of the part's own rules, else of its simulator, else the usual one."""
         part = self._session.part
         if self._session.phase is part.phase:
             key = part.simulate(self.choose)

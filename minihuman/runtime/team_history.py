@@ -49,7 +49,9 @@ def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[T
 def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_persons: int) -> TeamHistory:
     """Read the history of a block from the logs of a team that is still playing.
 
-    If at some time every session of the team was over, the team restarts the episode that it did not complete.
+    If at some time every session of the team was over, the team restarts the episode that it did not complete. A live
+    log counts as a session that is not over. ``n_persons`` is the number of people in the team; a team of one person
+    always restarts the episode.
     """
     history = TeamHistory()
     until_ns = 0.0  # the latest end of the segments so far; infinite if one of them is still running
@@ -67,13 +69,16 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
 
 
 def _forget(history: TeamHistory) -> None:
-    """Discard the joint steps of the episode that the team restarts, and that the team had ended."""
+    """Discard the joint steps so far and the fact that the team had ended, since the team restarts its episode."""
     history.steps.clear()
     history.has_ended = False
 
 
 def _read_segment(history: TeamHistory, segment: TeamSegment, key: TeamBlockKey) -> int:
-    """Add the block's events in a segment's log to the history; return the time of the segment's last event."""
+    """Add the block's events in a segment's log to the history; return the time of the segment's last event.
+
+    The time is in nanoseconds, on the clock of ``segment.started_ns``.
+    """
     is_in_team = False
     is_in_block = False
     end_ns = segment.started_ns

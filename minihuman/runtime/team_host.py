@@ -235,7 +235,10 @@ class TeamTable:
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
-        """Record that a member is ready, and return the start of the episode once all members are; None before."""
+        """Record that a member is ready, and return the start of the episode once all members are; None before.
+
+        Return ``TeamLost`` if the team has ended, or goes on without this member.
+        """
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         answer = running.play.answer_ready(want, self._now_s())
         self._notify_concerned(running)
@@ -246,7 +249,8 @@ class TeamTable:
     ) -> MessageGiven | SeatSighted | JointTaken | TeamLost | None:
         """Return a message of another member, a change in how a seat is seen, or the joint action of a step.
 
-        A step's joint action is available once every seat's input is, or the step's time is over.
+        A step's joint action is available once every seat's input is, or the step's time is over. Return ``TeamLost``
+        if the team has ended or goes on without this member, and None while there is nothing to return.
         """
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         now_s = self._now_s()
@@ -317,7 +321,15 @@ class TeamMember(RequestHandler):
         self.signs = signs or LifeSigns()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the team, the start of an episode or a joint action; None while others are awaited."""
+        """Return what answers a request to the team: the team, the start of an episode, a joint action or a message.
+
+        Return None while others are awaited, and for a request that is not to the team. A patient member waits instead.
+
+        Args:
+            want: the request.
+            play: the running episode; None if no episode is running.
+            t_ns: the session's time, which the answer gets.
+        """
         if not isinstance(want, TeamRequest | ReadyRequest | JointRequest):
             return None
         has_submitted = not isinstance(want, JointRequest) or want.action is not None

@@ -10,14 +10,14 @@ from minihuman.experiment.protocol.protocol import Protocol
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
     """Return how many people share one machine: the largest number in a team whose seats have different keys.
 
-    Without such teams it is 1.
+    It is 1 if no block has a team with such keys. Without a ``group``, the teams of all groups count.
     """
     teams = [team for _, team in list_teams(protocol, group)]
     return max((len(team.persons) for team in teams if team.seat_keys), default=1)
 
 
 def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
-    """Yield the name and the team of each block with a team, in one group or in all."""
+    """Yield the name and the team of each block with a team, in one group; in all groups if ``group`` is None."""
     groups = [spec.name for spec in protocol.groups] if group is None else [group]
     for block in protocol.blocks:
         for name in groups:

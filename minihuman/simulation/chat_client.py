@@ -173,7 +173,11 @@ class ChatClient(ModelClient):
         return call_within(self._timeout_s, exchange, shut=partial(_shut_down, self._connection))
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
-        """Send a request over a connection; return the status and the content of the response."""
+        """Send a request over a connection; return the status and the content of the response.
+
+        Raises:
+            HTTPException: if the content is larger than `MAX_ANSWER_BYTES`.
+        """
         headers = {"Content-Type": "application/json"}
         if self._key:
             headers["Authorization"] = f"Bearer {self._key}"
@@ -216,7 +220,7 @@ class ChatClient(ModelClient):
         return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
     def _remove_key(self, text: Any) -> str:
-        """Return a text without the key, in case a server echoes it."""
+        """Return a server's text without the key, which a server may repeat; "" if it is not a text."""
         if not isinstance(text, str):
             return ""
         cleaned = text.encode("utf-8", "replace").decode()

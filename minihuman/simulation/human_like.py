@@ -158,7 +158,7 @@ class ParticipantPopulation:
         The setting ``spread=0`` fixes the other parameters at their medians too.
 
         Raises:
-            SimulationError: if a name is not a parameter, or a value is not a number.
+            SimulationError: if a name is not a parameter, or a value is not a number or out of its range.
         """
         defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
         values = read_settings(text, defaults, SimulationError, owner="human-like", aliases=EARLIER_NAMES)
@@ -245,6 +245,7 @@ class HumanLikeParticipant(SimulatedParticipant):
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
             self._learn(*self._last, view_hash)
+            # what is seen is forgotten at a constant rate: 1 - exp(-rate * time), for the time since the last press
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._last_reaction_ms / 1000))
         key = self._choose_key(self._search)
         again = self._last is not None and key == self._last[0]
@@ -279,7 +280,7 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._understood[key] = action
 
     def _choose_key(self, search: GoalSearch) -> str:
-        """Return the key of the next planned action, an untried key if it is unknown, or one of a lapse or detour."""
+        """Return the key of the next planned action, an untried key if that is unknown, or one of a lapse or detour."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
             return self._draw_key(self._pool)
@@ -320,5 +321,8 @@ class HumanLikeParticipant(SimulatedParticipant):
 
 
 def _map_action_positions(plan: EpisodePlan) -> dict[str, int]:
-    """Return the position of each key's action in the block's list of actions, which is stable when keys carry over."""
+    """Return the position of each key's action in the list of the block's actions, by key.
+
+    What a participant knows of the keys carries over to a block with equal positions.
+    """
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

@@ -253,12 +253,12 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
 
 
 def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
-    """Return the indices of the options to click on, so that an answer's options are the chosen ones."""
+    """Return the indices, from 0, of the options to click on so that those of ``argument``, "1 3", are then chosen."""
     indices = [int(number) - 1 for number in argument.split()]
     if rule.ordered:  # earlier choices are undone first, the last one first
         return [*reversed(rule.chosen), *indices]
     if rule.many:
-        return sorted({*indices} ^ {*rule.chosen})
+        return sorted({*indices} ^ {*rule.chosen})  # a click on a chosen option takes it back
     return sorted({*indices})
 
 
@@ -358,7 +358,7 @@ class Conversation:
         return Prompt(sent, sha256, digest, tokens, text, join_texts(*self._pages), rule, png, observation)
 
     def _list_history(self, answer_rules: int) -> list[tuple[str, str]]:
-        """Return the earlier screens and answers that a prompt repeats, the last ``history`` of them."""
+        """Return the (screen, answer) pairs that a prompt repeats: the last ones, as many as `history` asks for."""
         n_repeated = self._spec.history
         if n_repeated == 0:
             return []
@@ -397,7 +397,7 @@ class SpentTotals:
     latency_ms: float = 0.0
 
     def add(self, call: ModelCall) -> "SpentTotals":
-        """Return the totals with a finished call added."""
+        """Return the totals with a call added; a call without a result yet changes nothing."""
         if call.state == "asked":
             return self
         return SpentTotals(
@@ -416,7 +416,7 @@ def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
 
 
 def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
-    """Return the price of tokens by the protocol's prices."""
+    """Return the price of tokens by the protocol's prices per million tokens, in the protocol's currency."""
     return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
 
 
@@ -431,7 +431,10 @@ class ConversationRecord:
         self.coming: list[Input] = []  # what answers stand for and has not happened yet, in order of time
 
     def follow(self, session: SessionMachine, call: ModelCall | None) -> str:
-        """Follow a replay by one screen or call; return how the log's prompt differs, or "" if it does not."""
+        """Follow a replay by a logged call, or by the session's screen if ``call`` is None.
+
+        Return how the call's prompt, or the reading of its answer, differs from that in the log; "" if it does not.
+        """
         if call is None:
             self.conversation.see(session.screen)
             return ""

@@ -44,7 +44,7 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def point(self, target: str, along: float) -> None:
-        """Click on a target of the screen."""
+        """Click on a target of the screen, at a position along it from 0 to 1."""
 
     @abc.abstractmethod
     def type_text(self, text: str) -> None:
@@ -52,7 +52,7 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def choose(self, count: int) -> int:
-        """Draw a whole number below ``count`` from the study's seed, the participant and the number of answers."""
+        """Draw a number from 0 to ``count`` - 1, which the study's seed, the participant and earlier draws fix."""
 
     def attends(self) -> bool:
         """Draw whether the participant attends; if so, any question with a right answer is answered correctly."""

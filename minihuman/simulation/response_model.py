@@ -112,7 +112,10 @@ class TrialResponder:
         return bool(stimulus.stop_delay_ms + stop_ms < arrival_ms)
 
     def _find_drifts(self, stimulus: Stimulus, responses: Sequence[str], choice: int) -> dict[str, float]:
-        """Return the drift per second of each response's accumulator; withholding has one once it was correct."""
+        """Return the drift per second of each response's accumulator; withholding has one once it was correct.
+
+        ``choice`` is the number of the choice whose learnt values apply if the trial has no correct response.
+        """
         parameters = self.parameters
         correct = stimulus.go_response or stimulus.correct_response
         if not correct:
@@ -129,7 +132,10 @@ class TrialResponder:
         return drifts
 
     def _find_learnt_drifts(self, responses: Sequence[str], choice: int) -> dict[str, float]:
-        """Return drifts in proportion to the softmax of the learnt values, for a trial without a correct response."""
+        """Return each response's drift, in proportion to the softmax of the values learnt at choice number ``choice``.
+
+        A trial without a correct response has these drifts.
+        """
         parameters = self.parameters
         weights = {}
         for name in responses:

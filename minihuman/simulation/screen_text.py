@@ -16,7 +16,10 @@ def join_texts(*texts: str) -> str:
 
 
 def list_screen_texts(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
-    """Yield the screen's texts, in reading order."""
+    """Yield the texts of a screen, in reading order; they may be empty.
+
+    A world in play is described in words unless the modality of ``spec``, the model's settings, is "picture".
+    """
     match screen:
         case PlayScreen():
             yield from filter(None, [screen.progress, screen.mission[:1].upper() + screen.mission[1:]])
@@ -32,7 +35,10 @@ def list_screen_texts(screen: Screen, session: SessionMachine, spec: ModelSpec) 
 
 
 def list_observation(session: SessionMachine) -> Any:
-    """Return the observation of the world that is played, with its arrays as lists; None if it is not a dict."""
+    """Return the observation of the world that is played, with its arrays as lists; None if it is not a dict.
+
+    It is also None if no episode is running.
+    """
     if session.play is None:
         return None
     observation = session.play.world.observation

@@ -66,7 +66,7 @@ class OptimalParticipant(SimulatedParticipant):
 
 
 def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
-    """Return the press of the key that carries out an action.
+    """Return the press, after ``delay_ms``, of the key that carries out an action; ``key_of`` has the keys by action.
 
     Raises:
         SimulationError: if the action has no key.
@@ -98,7 +98,7 @@ class GridExplorer:
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
-        """Return the next actions, as far as the explorer has decided on them."""
+        """Return the next actions, as far as the explorer has decided on them; [] if nothing is left to try."""
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
 
 

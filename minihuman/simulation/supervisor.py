@@ -101,7 +101,10 @@ class Supervisor:
         return bool(self._path) and self.excess_steps >= self._parameters.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
-        """Return whether the supervisor has pressed a key by a given time; call this while the agent is in control."""
+        """Return whether the supervisor takes over at session time ``t_ms``; call this while the agent is in control.
+
+        It decides to do so when the agent exceeds its patience, and does so after a delay if it still has a plan.
+        """
         if self._due_ms is None and self.exceeds_patience:
             normal = self._rng.normal(self._parameters.mu_ms, self._parameters.sigma_ms)
             self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._parameters.tau_ms)))
@@ -112,7 +115,7 @@ class Supervisor:
         return bool(self._path)
 
     def hands_back(self) -> bool:
-        """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
+        """Return whether the supervisor returns control; call this after each of its own steps, and after ``plan``."""
         self._n_own_steps += 1
         if self._n_own_steps < self._parameters.min_control_steps:
             return False
@@ -210,7 +213,10 @@ class Rater:
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
-        """Return which of two true returns the rater judges to be better, subject to noise."""
+        """Return which of two true returns the rater judges to be better, subject to noise.
+
+        Apart from lapses, it is "equal" if they differ by no more than the rater's indifference.
+        """
         difference = right - left
         if self._rng.random() < self._parameters.lapse:
             right_probability = 0.5
@@ -334,7 +340,11 @@ class SupervisorParticipant(SimulatedTeacher):
         return KeyPress(key, t_ms - watched.t_ms)
 
     def _press_next(self, world: World, path: list[str]) -> KeyPress:
-        """Return a press of the key for the first action of a path, with the time between repeated presses."""
+        """Return a press of the key for the first action of a path, with the time between repeated presses.
+
+        Raises:
+            SimulationError: if the path is empty, or the action has no key.
+        """
         if not path:
             raise SimulationError(
                 f"{world.id}: the supervisor found no plan in what it has seen; show it the whole world with "

@@ -51,7 +51,7 @@ _Row = dict[str, Any]
 
 
 def describe_event_columns() -> dict[str, Any]:
-    """Return the sidecar's description of every event column."""
+    """Return the description of every event column, by the column's name, for the JSON sidecar of the events."""
     descriptions: dict[str, Any] = {}
     for name, (unit, meaning) in EVENT_COLUMNS.items():
         descriptions[name] = {"Description": meaning}
@@ -70,7 +70,7 @@ def list_labels(episode: EpisodeLog) -> dict[str, Any]:
 
 
 def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
-    """Return the sidecar's description of the columns of labels."""
+    """Return the description of the column of each label that an episode has, by name, for the events' sidecar."""
     keys = dict.fromkeys(key for episode in episodes for key in episode.plan.labels)
     return {name_label_column(key): {"Description": LABELS.meaning.format(key)} for key in keys}
 
@@ -81,7 +81,14 @@ def build_events(
     counting: frozenset[tuple[int, int]],
     stimuli: SessionStimuli,
 ) -> list[_Row]:
-    """Build a segment's event rows in order of time; ``counting`` is the (number, attempt) of each included episode."""
+    """Build the rows of a segment's events, in order of time.
+
+    Args:
+        segment: the segment.
+        episodes: the selected attempts at episodes in this segment, in order of time.
+        counting: the (number, attempt) of each included episode.
+        stimuli: what the session presented; the files of its stimuli are written.
+    """
     rows = [*_list_pauses(segment)]
     for episode in episodes:
         rows += _list_episode_events(episode, segment, counting)
@@ -104,7 +111,7 @@ def _list_pauses(segment: Segment) -> Iterator[_Row]:
 
 
 def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
-    """Yield a row for the episode and for each of its steps."""
+    """Yield a row for the episode and for each of its steps; ``counting`` is as for `build_events`."""
     episode_columns = _identify_episode(episode) | list_labels(episode)
     begin_ns, *step_times_ns = episode.t_ns.tolist()
     yield _build_event_row(
@@ -136,7 +143,7 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
 
 
 def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: SessionStimuli) -> Iterator[_Row]:
-    """Yield a row for each picture of an episode on the display, and for each sound that began."""
+    """Yield a row for each picture of an episode on the display and each sound that began; write their files."""
     episode_columns = _identify_episode(episode) | list_labels(episode)
     image = stimuli.find_image(episode.plan.options)
     flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
@@ -150,7 +157,10 @@ def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: Se
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield a row for each key press of a segment, with its duration and the episode in which it happened, if any."""
+    """Yield a row for each key press of a segment, with the episode in which it happened, if any, and its duration.
+
+    The duration is missing if the key's release was not recorded.
+    """
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
     for press in segment.keys:
@@ -183,12 +193,20 @@ def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterat
 
 
 def _identify_episode(episode: EpisodeLog) -> _Row:
-    """Return the columns that identify an episode."""
+    """Return the cells that identify an episode: its block, number and attempt."""
     return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
 
 
 def _build_event_row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
-    """Build an event's row. Without a duration in seconds, it is missing for a key, and 0 for other kinds."""
+    """Build the row of an event.
+
+    Args:
+        kind: the event's ``trial_type``.
+        t_ns: when it happened, on the log's clock.
+        segment: the segment, from whose start the onset counts.
+        duration: in seconds; None stands for no duration of a key, and for 0 s of other kinds.
+        more: further cells, by column.
+    """
     if duration is not None:
         duration_s = duration
     elif kind == "key":

@@ -90,7 +90,7 @@ _DERIVATIVES = Path("derivatives/minihuman")
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every selected session, with a run for each of its segments.
+    """Write every selected session as a BIDS dataset, with a run for each segment of a session.
 
     Raises:
         ExportError: if the dataset would mix two studies, or if two participants would have the same label.
@@ -198,9 +198,16 @@ class _Dataset:
     def _write_events(
         self, folder: Path, stem: str, run: int, episodes: Sequence[EpisodeLog], rows: Sequence[Mapping[str, Any]]
     ) -> Path:
-        """Write a run's events, with columns of labels and of stimuli's files if there are any; return their path.
+        """Write a run's events, with columns of labels and of stimuli's files if there are any; return the file.
 
         The description of these further columns is kept for the dataset's sidecar.
+
+        Args:
+            folder: the folder of the file.
+            stem: the subject, session and task, with which the file's name begins.
+            run: the number of the run.
+            episodes: the run's episodes, whose labels become columns.
+            rows: the events.
         """
         more_columns = describe_label_columns(episodes)
         if any(STIM_FILE in row for row in rows):
@@ -219,7 +226,10 @@ class _Dataset:
         return (line,)
 
     def finish(self, source: Path) -> tuple[Path, ...]:
-        """Write the files that describe the whole dataset; return the paths of what was written."""
+        """Write the files that describe the whole dataset; return the paths of the dataset's files and folders.
+
+        ``source`` is the exported study's folder, which may have a `participants.csv`, or a log.
+        """
         out = self._out
         stimuli = {
             "SoftwareName": "minihuman",
@@ -272,7 +282,10 @@ class _Dataset:
         }
 
     def _copy_log(self, session: SelectedSession, folder: Path) -> None:
-        """Copy the log and its annotations unchanged; a log with messages to others is copied only on request."""
+        """Copy a session's log and annotations unchanged into ``folder``, a path inside the dataset.
+
+        A log with messages to other participants is copied only if the export is to have messages.
+        """
         target = self._out / folder
         target.mkdir(parents=True, exist_ok=True)
         path = session.log.path
@@ -287,7 +300,7 @@ class _Dataset:
                 shutil.copyfile(file, target / file.name)
 
     def _draw_paths(self, session: SelectedSession, name: str) -> None:
-        """Write a figure of the session's paths, if a world of it has a map."""
+        """Write a figure of the session's paths, if a world of it has a map; the file's name begins with ``name``."""
         if any(episode.start.map for episode in session.episodes):
             save_png(session_paths(session.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
 

@@ -47,7 +47,14 @@ def make_subject_label(participant: str, participants: dict[str, str]) -> str:
 
 
 def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], *, header: bool = True) -> Path:
-    """Write a table and return its path; a missing value is written as "n/a"."""
+    """Write rows as tab-separated text and return the path; a missing value is written as "n/a".
+
+    Args:
+        path: the file, whose folder is created if it is missing.
+        columns: the columns, in order; other cells of a row are not written.
+        rows: a mapping of column to cell for each row.
+        header: whether the first line has the columns' names.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     lines: list[str] = []
     if header:
@@ -68,7 +75,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
 def _format_cell(cell: Any) -> str:
     """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks.
 
-    A text that a spreadsheet would run as a formula is guarded.
+    A text that a spreadsheet would run as a formula gets an apostrophe before it.
     """
     if cell is None or cell == "" or cell != cell:  # NaN is unequal to itself
         return MISSING
@@ -172,7 +179,13 @@ def _compute_mean_rate_hz(n_samples: int, lasted_s: float) -> float:
 
 
 def _build_tracking_facts(system: str, rate_hz: float, lasted_s: float) -> dict[str, Any]:
-    """Return the sidecar's facts about a motion recording of one tracked point."""
+    """Return the sidecar's facts about a motion recording of one tracked point.
+
+    Args:
+        system: the name of the tracking system: "grid" or "room".
+        rate_hz: the mean rate of the samples.
+        lasted_s: the time from the first sample to the last.
+    """
     return {
         "SamplingFrequency": rate_hz,
         "SamplingFrequencyEffective": rate_hz,
@@ -219,7 +232,10 @@ def write_physio(
 def _write_recording(
     path: Path, task: Mapping[str, Any], segment: Segment, samples: Sequence[Sampled], device: DeviceSpec | None
 ) -> Path:
-    """Write samples as a compressed table with its sidecar; return the table's path."""
+    """Write a device's samples as a compressed table with a sidecar, both at ``path`` plus a suffix; return the table.
+
+    ``device`` names the channels and their units; None if the protocol does not have the device.
+    """
     names = _name_channels(samples, device)
     text_columns = []
     if any(sampled.text for sampled in samples):
@@ -277,7 +293,10 @@ class Phenotype:
         self._names: dict[str, str] = {}  # what each label stands for
 
     def add(self, log: SessionLog, subject: str, session: str) -> None:
-        """Add a session's answers; of an item that was asked again, only the last answer is kept."""
+        """Add a session's answers, under the BIDS labels of the subject and the session.
+
+        If an item was asked again in a part, only the last answer is kept.
+        """
         last_answers = {
             (event.part, event.item): event
             for segment in log.segments
@@ -314,7 +333,9 @@ class Phenotype:
         return (folder,)
 
     def _describe(self, name: str, plan: QuestionsPlan, occurrence: int) -> None:
-        """Record the meaning of a questionnaire's columns; if groups see different wordings, use the first group's.
+        """Record the meaning of the columns for one occurrence of a questionnaire in a session, 1 for the first.
+
+        If groups see different wordings, the wording of the group that is added first is kept.
 
         Raises:
             ExportError: if another questionnaire's name makes the same label.

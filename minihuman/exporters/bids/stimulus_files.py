@@ -74,7 +74,7 @@ class SessionStimuli:
             self._presentations.setdefault((episode.number, episode.attempt), []).append(presentation)
 
     def list_presented(self, number: int, attempt: int) -> Iterator[tuple[Presentation, dict[str, Any]]]:
-        """Yield each presentation in an attempt at an episode, with the columns that its event has; write its file."""
+        """Yield each presentation in an attempt at an episode, with further cells of its event; write its file."""
         for presentation in self._presentations.get((number, attempt), ()):
             columns: dict[str, Any] = {"detail": ", ".join(presentation.stimuli)}
             if presentation.file:
@@ -85,7 +85,7 @@ class SessionStimuli:
             yield presentation, columns
 
     def find_image(self, options: Mapping[str, Any]) -> str:
-        """Write the image that a world's options name; return its path in the folder of stimuli, "" for none."""
+        """Write the first image that a world's options name; return its path below the stimuli, "" for none."""
         for option in options.values():
             if isinstance(option, str) and option in self._names:
                 return self._stimulus_files.add(self._names[option], self._files)

@@ -69,6 +69,8 @@ MAX_SAMPLE_DELAY_S = 0.5  # how long samples wait to be written together with an
 def open_devices(specs: Sequence[DeviceSpec], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
     """Open a protocol's devices; yield them by name, together with facts about them for the log.
 
+    A device that is missing and not required is left out; a fact says why. All devices are closed at the end.
+
     Raises:
         DeviceError: if a required device is missing.
     """
@@ -134,7 +136,7 @@ class DeviceRecorder(WrappedRecorder):
                 self._running = False
 
     def close(self) -> Path | None:
-        """Stop polling the devices, and finish the log."""
+        """Stop polling the devices, finish the log, and return its path; None if there is no file."""
         self._stopped.set()
         self._thread.join()
         return self._recorder.close()
@@ -166,7 +168,7 @@ class DeviceRecorder(WrappedRecorder):
                 return
 
     def _read_samples(self, name: str) -> Iterator[Sampled]:
-        """Yield a device's new samples since the session began, with times that never go back."""
+        """Yield the new samples of the device ``name``, without those before ``from_ns``; their times never go back."""
         for sample in self._devices[name].read():
             last_ns = self._last_ns.get(name, 0)
             if sample.t_ns < self._from_ns:

@@ -74,7 +74,7 @@ class LslDevice(Device):
         return {"stream": info.name(), "type": info.type(), "rate_hz": f"{info.nominal_srate():g}"}
 
     def read(self) -> Sequence[DeviceSample]:
-        """Return the samples that have arrived."""
+        """Return the samples that have arrived since the last call, at most `_MAX_SAMPLES`."""
         rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MAX_SAMPLES)
         return [self._convert_sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 
@@ -165,7 +165,7 @@ class LslMarkerRecorder(WrappedRecorder):
         self._queue.put(tuple(events))
 
     def close(self) -> Path | None:
-        """Send the remaining markers and finish the log."""
+        """Send the remaining markers, finish the log, and return its path; None if there is no file."""
         self._queue.put(None)
         self._thread.join()
         return self._recorder.close()

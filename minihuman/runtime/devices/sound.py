@@ -48,7 +48,7 @@ class SoundOutput(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, cues: Sequence[SoundCue]) -> None:
-        """Play these sounds at their times, and stop all others; sounds that have begun go on."""
+        """Play these sounds at their times, and stop all others; those of these sounds that have begun go on."""
 
     @abc.abstractmethod
     def read(self) -> Sequence[SoundStarted]:
@@ -278,7 +278,10 @@ class PortAudioOutput(SoundOutput):
     # In the device's own thread
 
     def _fill(self, buffer: NDArray[np.float32], count: int, times: Any, status: Any) -> None:
-        """Fill a buffer that the device is about to play, float32[count, 2], and add its time to the fit."""
+        """Fill a buffer that the device is about to play, float32[count, 2], and add its time to the fit.
+
+        ``times`` has PortAudio's times of the buffer, and ``status`` says whether the device ran out of samples.
+        """
         now_s = self._clock() / _NS_PER_S
         self._fit.add(self._frame, now_s + times.outputBufferDacTime - times.currentTime)
         self._interruptions += bool(status.output_underflow)
@@ -343,6 +346,7 @@ def open_sound(plan: SessionPlan, clock: Clock) -> Iterator[tuple[PortAudioOutpu
 
     Raises:
         DeviceError: if PortAudio or a device is missing.
+        WorldError: if a sound's file cannot be decoded.
     """
     contents = list_sounds(plan)
     if not contents:

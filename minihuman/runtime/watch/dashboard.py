@@ -81,6 +81,11 @@ class DashboardServer:
 
         A request with a body sends a command to a session, or opens or closes recruitment.
 
+        Args:
+            path: the path below the secret prefix; "" is the page.
+            query: the values of each name in the query.
+            body: the body of a POST request; None for a GET request.
+
         Returns:
             None if there is nothing at the path, or no such session.
         """

@@ -193,7 +193,7 @@ class LiveSession:
         }
 
     def _connection_facts(self) -> dict[str, object]:
-        """Return the round-trip times of the session's page; None where no page is measured."""
+        """Return the round-trip times of the session's page in ms, by name; None where no page is measured."""
         if self.link is None:
             return {"rtt_ms": None, "least_rtt_ms": None}
         return {
@@ -309,7 +309,10 @@ class RunningSessions:
         return {name: self._collect_facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
-        """Return the preview of a running session's screen as PNG; b"" if there is no such session or no picture."""
+        """Return the preview of a running session's screen as PNG; b"" if there is no such session or no picture.
+
+        ``name`` is the name that `look` has for the session.
+        """
         watched = self._watched.get(name)
         if watched:
             return watched.picture.png(watched.live)
