@@ -53,7 +53,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Record an action, and whether it had an effect."""
+        """Record an action that was done; ``no_effect`` says that it changed nothing."""
 
 
 class FullViewSearch(GoalSearch):

@@ -166,7 +166,9 @@ def run_baseline(
     seed: int = 1,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Scorecard:
-    """Simulate players on sets of levels, without repeating complete runs, and score all who played in ``data``.
+    """Simulate players on sets of levels, without repeating complete runs, and return the scores of all in ``data``.
+
+    A player that cannot play a set gets a note in the scorecard instead.
 
     Args:
         protocols: the protocols of the sets.

@@ -117,7 +117,7 @@ class CorrectionActivity(Activity):
     # Looking
 
     def _begin_review(self, episode: EpisodeClip | None) -> None:
-        """Show an episode for review and log it; end the part if there is none."""
+        """Show an episode for review and log it; end the part if there is none, or if the session's plan lacks it."""
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
             self.context.emit(NothingToCorrect(now_ns, self.number, self._number))

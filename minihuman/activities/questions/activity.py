@@ -98,7 +98,10 @@ class QuestionsActivity(Activity):
                 self._note_change(previous_answer)
 
     def _edit_text(self, edited: TextEdited) -> None:
-        """Replace the answer by the whole text of a native field, log it, and show a note at once if it is too long."""
+        """Replace the answer by the whole text of a native field and log it; show a note at once if it is too long.
+
+        A text of another question's field, or one that the answer does not accept, changes nothing.
+        """
         previous_answer = self._answer
         name = self.draft.question.name
         if edited.field not in ("", name) or not self.draft.put_text(edited.text):

@@ -70,7 +70,10 @@ def describe_rules(draft: TextDraft) -> dict[str, Any]:
 
 
 def list_examples(draft: TextDraft) -> dict[str, str]:
-    """Return an example text for each judgement that a draft's question can have; the draft's own text is restored."""
+    """Return an example text, by judgement, for each judgement of a text that a draft's question can have.
+
+    The draft's own text is the same afterwards as before.
+    """
     original_text = draft.display_text
     examples: dict[str, str] = {}
     for text in _list_candidates(draft):
@@ -81,7 +84,7 @@ def list_examples(draft: TextDraft) -> dict[str, str]:
 
 
 def _list_candidates(draft: TextDraft) -> Iterator[str]:
-    """Yield texts that have every judgement: empty, blank, too long, and numbers inside and outside the range."""
+    """Yield texts that together have every judgement: empty, blank, too long, numbers in and outside the range."""
     low = draft.question.minimum
     high = draft.question.maximum
     yield from ("", " ", "x", " " * (draft.longest + 1), "x" * (draft.longest + 1))

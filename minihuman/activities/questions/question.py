@@ -356,7 +356,7 @@ def _check_right_answers(question: QuestionItemSpec) -> ItemErrors:
 
 
 def check_range(question: QuestionItemSpec) -> ItemErrors:
-    """Yield an error if a question's range of numbers is empty."""
+    """Yield an error if a question's range of numbers is empty or its step is not above 0."""
     if question.minimum >= question.maximum or question.step <= 0:
         span = f"{question.minimum:g} to {question.maximum:g}"
         yield "minimum", f"to maximum is {span} in steps of {question.step:g}, which is none"

@@ -218,7 +218,10 @@ class JointPlay:
         return _build_joint_taken(due.episode, due.step, joint_action)
 
     def leave(self, seat: int) -> None:
-        """Record that the session of a seat is over, and give the seat to the stand-in or end the block."""
+        """Record that the session of a seat is over, and give the seat to the stand-in or end the block.
+
+        A newly paired team that has not played a step ends instead, so that its other people return to the lobby.
+        """
         if self._rules.pairing not in ("same", "fixed") and not self._has_played:
             self._has_declined = True
         self._hand_over({seat})
@@ -278,7 +281,10 @@ class JointPlay:
         return self._hand_over(replaced, now_s)
 
     def _hand_over(self, seats: Collection[int], now_s: float = -math.inf) -> bool:
-        """Give seats to the stand-in; return False if the block ends instead."""
+        """Give seats to the stand-in at a time in seconds; return False if the block ends instead.
+
+        By default the time precedes all others, so that any act of the person counts as later.
+        """
         if not seats or self.presence.hand_over(seats, now_s):
             return True
         self._concerned |= self.presence.persons

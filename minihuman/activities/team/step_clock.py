@@ -26,7 +26,7 @@ class StepClock:
         self.opened_s = now_s
 
     def find_delay(self, now_s: float, due_s: float | None = None) -> Delay:
-        """Return whether an input that came now would be in time, late or overdue.
+        """Return whether the inputs that are missing now are still in time, late or overdue.
 
         Args:
             now_s: the present time in seconds.

@@ -322,7 +322,7 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 def _format_group_comparisons(
     block: str, trials: str, rows: pd.DataFrame, measures: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    """Compare groups on measures, a row of the table for each comparison; no rows if there is only one group.
+    """Return a row of table cells for each comparison of two groups on a measure; none if there is only one group.
 
     Args:
         block: the block's name.
@@ -339,7 +339,10 @@ def _format_group_comparisons(
 
 
 def _format_comparison(comparison: GroupComparison | PairedComparison, count: str) -> tuple[str, ...]:
-    """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p."""
+    """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p.
+
+    ``count`` is the cell with the number of participants.
+    """
     return (
         MEASURES.get(comparison.measure, comparison.measure),
         format_pair(comparison.first, comparison.second),
@@ -378,7 +381,10 @@ def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[ReportFigure]:
-    """Draw, for each label of each block, every participant's measures at each level."""
+    """Draw and yield a figure for each label of each block: every participant's measures at each level.
+
+    A label with one level or without measures gets no figure.
+    """
     for (block, label), part in people[people["label"].ne("")].groupby(["block", "label"], sort=False):
         levels = sorted(part["level"].unique())
         measures = [name for name in COMPARED if part[name].notna().any()]
@@ -394,7 +400,7 @@ def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[Re
 
 
 def _collect_values(part: pd.DataFrame, measure: str, levels: Sequence[str]) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return each group's values as float64[participants, levels], without the groups that have none."""
+    """Return each group's name and its values, float64[participants, levels]; groups without a value are left out."""
     return [
         (
             str(group),

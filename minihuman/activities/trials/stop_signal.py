@@ -96,7 +96,7 @@ def _find_mean(numbers: NDArray[np.float64]) -> float:
 
 
 def read_stop_delays(trials: pd.DataFrame) -> "pd.Series[float]":
-    """Return the delay of the stop signal of each trial; NaN for a trial without one.
+    """Return the delay of the stop signal of each trial in milliseconds; NaN for a trial without one.
 
     A trial has a stop signal if its world has the option ``delay_ms`` and withholding the response is correct.
     """

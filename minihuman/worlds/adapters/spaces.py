@@ -159,6 +159,8 @@ class VectorActions:
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
         """Return the number and vector of the action of several pressed keys, of which the latest comes last.
 
+        The moves of a component add up if its opposite directions cancel; otherwise the latest key's value counts.
+
         Raises:
             WorldError: if a number is not that of rest or of an element.
         """

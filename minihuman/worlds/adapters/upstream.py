@@ -60,7 +60,10 @@ class _Adapter(NativeWorld):
 
 
 class MinigridAdapter(_Adapter):
-    """A Minigrid-like environment; its hash covers cells, box contents, pose, carried object, mission and steps."""
+    """A Minigrid-like environment.
+
+    Its hash covers cells, box contents, pose, carried object, mission, random stream and steps.
+    """
 
     def pose(self) -> Pose:
         """Return the agent's pose: column, 0, row and heading."""
@@ -138,7 +141,10 @@ def is_miniworld_like(env: Any) -> bool:
 
 
 class MiniworldAdapter(_Adapter):
-    """A Miniworld-like environment; its hash covers agent, entities, walls, carried object and steps."""
+    """A Miniworld-like environment.
+
+    Its hash covers the entities, the agent among them, walls, the carried object, the random stream and steps.
+    """
 
     def pose(self) -> Pose:
         """Return the agent's position and direction, exactly as the environment has them."""

@@ -103,7 +103,7 @@ class World:
 
     @property
     def observation(self) -> Any:
-        """Return the latest observation."""
+        """Return the observation of the latest reset or step; `advance` leaves it as it is."""
         return self._observation
 
     @property
@@ -240,7 +240,10 @@ class World:
         return pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet.
+
+        The result is () for a world without such clauses.
+        """
         if isinstance(self._native, NativeWorld):
             return self._call("subgoals()", self._native.subgoals)
         return ()

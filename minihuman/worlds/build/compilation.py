@@ -158,7 +158,7 @@ class SimdVector:
 
     @property
     def count(self) -> int:
-        """The number of lanes."""
+        """Return the number of lanes."""
         return int(self.value.type.count)
 
     def _with(self, value: Any, kind: str | None = None) -> "SimdVector":
