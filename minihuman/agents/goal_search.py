@@ -88,7 +88,13 @@ class FullViewSearch(GoalSearch):
 
 
 class GridSearch(GoalSearch):
-    """A search in a grid that is seen from above or from inside."""
+    """A search in a grid that is seen from above or from inside.
+
+    Args:
+        world: the grid world.
+        noise: draws the errors of judgements, in actions.
+        rng: draws what is forgotten.
+    """
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
@@ -118,7 +124,13 @@ class GridSearch(GoalSearch):
 
 
 class RoomSearch(GoalSearch):
-    """A search in rooms in first person."""
+    """A search in rooms in first person.
+
+    Args:
+        world: the first-person world.
+        noise: draws the errors of judgements, in actions.
+        rng: draws what is forgotten.
+    """
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.first_person.pathfinding.belief_state import ExploredFloor

@@ -94,7 +94,7 @@ def simulate_report_pool(
 ) -> ReportPool:
     """Simulate whole sessions of participants in every group, without leaving files on disk.
 
-    ``files`` are the contents of the files that the protocol names, such as tables of stimuli, by name.
+    ``people`` is their number, ``player`` their name and settings; ``files`` has the protocol's files, by name.
 
     Raises:
         ProtocolError: if the protocol is invalid.
@@ -356,7 +356,7 @@ def _mark_affected(pool: ReportPool, comparison: str, compared_rows: pd.DataFram
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
-    """Yield the name and corrected p of each comparison of the kind ``on``, one of `COMPARISONS`, as on the report's page."""
+    """Yield the name and corrected p of each comparison of the kind ``on``, one of `COMPARISONS`, as in the report."""
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
@@ -386,7 +386,7 @@ def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[s
 def _list_group_ps(
     rows: pd.DataFrame, pool: ReportPool, order: Sequence[str], *, is_change: bool
 ) -> Iterator[tuple[str, float]]:
-    """Yield the name and corrected p of each pair of groups in the target block, or of their changes over sessions."""
+    """Yield the name and corrected p of each pair of groups in the target block; if ``is_change``, of their changes."""
     analysis = pool.analysis
     target_rows = rows[rows["block"] == pool.target]
     primary = _find_primary_measure(pool, target_rows)

@@ -32,7 +32,7 @@ _BATCH_GRID = "minihuman.worlds.inside.batch:make_grid_batch"
 
 
 def _make_grid_entry(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a MiniGrid world, which is of a family of layouts with the given options."""
+    """Return the catalogue entry of the world "MiniGrid-NAME", of a family of layouts with the given options."""
     return CatalogueEntry(
         f"MiniGrid-{name}", _MAKE_GRID, {"family": family, **options}, _BATCH_GRID, summary, guards_itself=True
     )
@@ -173,7 +173,7 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
 
 
 def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a BabyAI world, which is a level of the given kind with options."""
+    """Return the catalogue entry of the world "BabyAI-NAME", which is a level of the given kind with options."""
     level_options = {"family": f"level:{level}", **options}
     return CatalogueEntry(f"BabyAI-{name}", _MAKE_GRID, level_options, _BATCH_GRID, summary, guards_itself=True)
 

@@ -194,6 +194,7 @@ def _take(
 
     The watch, if any, checks the values. The number of the step is 0 for a reset.
     """
+    # only the seed and the step are known yet, for the messages of errors
     moment = Moment(*seed_and_step, "", 0, 0, 0.0, terminated=False, truncated=False)
     try:
         transition = act()

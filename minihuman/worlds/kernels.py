@@ -48,7 +48,7 @@ int64: Any = np.int64  # for variables whose first values say too little, and co
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_HOLD_GIL: dict[str, Any] = {"_nrt": False}
+_HOLD_GIL: dict[str, Any] = {"_nrt": False}  # Numba counts no references to arrays
 _NOGIL: dict[str, Any] = _HOLD_GIL | {"nogil": True}
 
 

@@ -15,4 +15,5 @@ def hash_picture(picture: NDArray[np.uint8]) -> int:
         picture: the picture, uint8[H, W, 3].
     """
     height, width = picture.shape[:2]
+    # pictures of equal bytes and different sizes get different seeds
     return xxhash.xxh3_64_intdigest(np.ascontiguousarray(picture).data, seed=height << 32 | width) or 1

@@ -62,7 +62,7 @@ class NumpyOperations:
         return array[at], array[at + np.uint32(1)]
 
     def pairs_at(self, array: Array, places: Array, first: int, count: int) -> tuple[Any, Any]:
-        """Load pairs of elements as `pairs` does, at the ``count`` indices that ``places`` has from ``first`` on."""
+        """Load pairs of elements as `pairs` does, at indices that are read from another array."""
         return self.pairs(array, places[first : first + count])
 
     def fetch(self, array: Array, at: Any, by: int) -> None:

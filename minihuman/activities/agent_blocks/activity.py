@@ -313,7 +313,7 @@ class AgentPlayActivity(PlayActivity):
         return round(self.agent.step_ms * NS_PER_MS)
 
     def describe_steering(self, play: RunningEpisode) -> Steering:
-        """Return who is in control, the agent's next action, and what the keys do meanwhile."""
+        """Return who controls a running episode, the agent's next action, and what the keys do meanwhile."""
         rules = SteeringRules(
             period_ns=self.period_ns,
             person_acts=self.takes_over,

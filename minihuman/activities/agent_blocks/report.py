@@ -32,7 +32,7 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
-    """Return the minutes of an episode in which the person was in control, without pauses."""
+    """Return the minutes, without pauses, in which the person controlled an episode that has a record of teaching."""
     begins_ns = episode.t_ns[:-1]
     ends_ns = episode.t_ns[1:]
     durations_ns = ends_ns - begins_ns
@@ -60,7 +60,8 @@ def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
     """Return how much the agent's share of an episode's steps grew per minute of the person's earlier control.
 
-    This is the slope of a least-squares line; NaN if every episode followed the same number of minutes.
+    This is the slope of a least-squares line over the episodes of one block, in the order of play. NaN if each of them
+    follows the same number of minutes.
     """
     minutes = np.cumsum([0.0, *(steering_minutes(episode, taught) for episode, taught in episodes)])[:-1]
     shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
@@ -149,7 +150,7 @@ def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
 
 
 def _build_row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
-    """Build the row of a session's block in the report's table on teaching."""
+    """Return the cells of the report's table on teaching for one block of the session called ``name``."""
     ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
     policies = {taught.policy for _, taught in episodes if taught.policy}
     measured = measure_teaching(episodes)

@@ -20,7 +20,7 @@ class PolicyRequest(ActivityRequest):
 
     @property
     def takes_long(self) -> bool:
-        """Return whether a learner makes the policy."""
+        """Return whether the answer may take long, because a learner makes the policy."""
         return self.learning
 
 

@@ -107,13 +107,13 @@ class PlayActivity(Activity):
 
     @property
     def needs_new_world(self) -> bool:
-        """Return whether the next episode's world must still be created."""
+        """Return whether the world of the next episode must still be made, which takes time."""
         plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """Return the plan of the next episode; a block that resolves its episodes while it runs overrides it."""
+        """Return the plan of the next episode; a subclass whose blocks resolve their episodes late overrides it."""
         return self.sequence.next_plan
 
     @property

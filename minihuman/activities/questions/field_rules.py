@@ -37,12 +37,15 @@ def describe_slider(draft: SliderDraft) -> AnswerField:
 
 
 def _make_text_input(text: str) -> Callable[[int], Input]:
-    """Return a function that builds the input by which a field's text becomes the given text, from the input's time."""
+    """Return a function that takes a time in ns and returns the input that makes ``text`` a field's text."""
     return lambda t_ns: TextEdited(t_ns, text)
 
 
 def _touch_slider(t_ns: int) -> Input:
-    """Return the input of a press on the middle of a slider; any place on the screen does."""
+    """Return the input of a press on the middle of a slider at a time in ns.
+
+    The place on the screen is arbitrary.
+    """
     return PointerPressed(t_ns, x=0.5, y=0.5, target="slider", along=0.5)
 
 

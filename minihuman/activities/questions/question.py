@@ -112,7 +112,10 @@ class AnswerDraft(abc.ABC):
         return False
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:  # noqa: B027 - a text field needs no click
-        """Handle the pointer on a target: a press (``down``), or a move after one."""
+        """Handle the pointer on a target such as "option:2": a press (``down``), or a move after one.
+
+        ``along`` is the pointer's place on the target, as in `PointerPressed`.
+        """
 
     @property
     @abc.abstractmethod
@@ -128,7 +131,7 @@ class AnswerDraft(abc.ABC):
     def model_request(self) -> str:
         """Return what a language model is asked to answer with; "" for the sentence of the widget.
 
-        A log's prompts are proved, so a kind that has been used keeps its sentence.
+        Verification composes a log's prompts again, so a kind that has been used must keep its sentence.
         """
         return ""
 
@@ -171,7 +174,7 @@ def _no_errors(question: QuestionItemSpec) -> ItemErrors:
 
 
 def needs_no_server(question: QuestionItemSpec) -> Iterator[str]:
-    """Yield nothing, for a kind whose questions a page asks alone."""
+    """Yield nothing, for a kind whose questions a page without a server can ask."""
     yield from ()
 
 
@@ -282,7 +285,11 @@ def _list_components(question: QuestionItemSpec) -> Mapping[str, str]:
 
 
 def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
-    """Return the codes that an answer to a question can have: the kind's own, or one for each option or point."""
+    """Return the codes that an answer to a question can have: the kind's own, or one for each option or point.
+
+    Raises:
+        ProtocolError: if the question's kind is not installed.
+    """
     kind = find_question_kind(question.kind)
     if kind.codes is None:
         return question.all_codes
@@ -363,10 +370,10 @@ def check_range(question: QuestionItemSpec) -> ItemErrors:
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Return whether an answer is right; None if the question has no right answer.
+    """Return whether a question's answer is right; None if the question has no right answer.
 
-    Texts are compared without regard to case and surrounding blanks, several codes without regard to their order
-    unless the kind's answer is an order.
+    Texts are compared without regard to case and surrounding blanks. Several codes are compared without regard to their
+    order, unless the kind's answer is an order.
     """
     if question.right is None:
         return None

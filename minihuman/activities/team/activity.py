@@ -261,7 +261,7 @@ class TeamPlayActivity(PlayActivity):
             self._lobby_ns = self.context.now_ns
 
     def _lose_team(self, reason: GoneReason) -> None:
-        """Log why the team ended, and return to the lobby or end the block."""
+        """Log why the team ended, and end the block; return to the lobby if a partner left before the first step."""
         self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         if reason == "declined":
             self.formed = None
@@ -345,7 +345,7 @@ class TeamPlayActivity(PlayActivity):
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
         """Return the earliest time of the next tick, the next repeated request, and the removal of a cell's mark.
 
-        None means that nothing is due.
+        None means that none of them is due.
         """
         tick_ns = super().next_tick_ns
         has_submitted = self.playing and self.team_episode.submitted is not None

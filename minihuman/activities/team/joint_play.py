@@ -93,7 +93,7 @@ class JointPlay:
             self._hand_over(history.finished)
 
     def list_steps(self, episode: int) -> Sequence[JointAction]:
-        """Return the closed steps of an episode."""
+        """Return the closed steps of the episode with an index, in order."""
         return self._steps.setdefault(episode, [])
 
     def learn_steps(
@@ -261,7 +261,10 @@ class JointPlay:
         return replace(self._open_step.find_due(late), silent_ms=silent_ms)
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
-        """Return how late the missing inputs are by the server's clock, regardless of the times that pages report."""
+        """Return how late the inputs of the ``missing`` seats are by the server's clock.
+
+        The times that pages report do not count.
+        """
         period_s = want.plan.step_period_ms / MS_PER_S
         due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
         return self._clock.find_delay(now_s, due_s)

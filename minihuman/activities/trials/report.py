@@ -108,7 +108,7 @@ def _name_level(label: str, level: str) -> str:
 
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
-    """Yield block, group, label and level, each with its rows of participants."""
+    """Yield block, group, label and level, each with the rows of ``people``, as `average_sessions` returns them."""
     for (block, group, label), label_rows in people.groupby(["block", "group", "label"], sort=False):
         for level, rows in label_rows.groupby("level", sort=True):
             yield str(block), str(group), str(label), str(level), rows
@@ -123,7 +123,7 @@ def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
-    """Build a table of the measures that any participant has, by block, group and level; no table without measures."""
+    """Return a table of the measures that any participant has, by block, group and level; [] if nobody has any."""
     present_measures = [measure for measure in measures if people[measure].notna().any()]
     if not present_measures:
         return []
@@ -273,6 +273,8 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 
 def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Compute the differences of a measure between every two levels of every label, for each participant.
+
+    ``people`` is a table as `average_sessions` returns it.
 
     Returns:
         A row per participant and pair of levels, with the participant's group, the block, the label, the levels as

@@ -161,6 +161,7 @@ def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
     """
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
     block_length = trials.groupby("block")["trial"].transform("max")
+    # trials count from 1, so that a block's last trial is in quarter 4
     quarters = pd.Series(np.ceil(4 * trials["trial"] / block_length), trials.index).astype(int).astype(str)
     rows = list(_measure_level(trials, "quarter", quarters))
     return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])

@@ -133,7 +133,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the picture for the person in this body, in the given view if the world supports it."""
+        """Return the picture for the person in this body, uint8[H, W, 3], in the view if the world supports it."""
         if hasattr(self.team, "view"):
             self.team.view = view
         return self.team.frame(self.seat, *size_px, palette=palette)

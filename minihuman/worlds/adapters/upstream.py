@@ -115,7 +115,10 @@ class MinigridAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own picture, which has only the classic palette."""
+        """Return the environment's own picture, uint8[H, W, 3], with the largest tiles that fit into ``size_px``.
+
+        It has only the classic palette.
+        """
         env = self._env
         if view == "partial":
             columns, rows = env.agent_view_size, env.agent_view_size
@@ -183,7 +186,7 @@ class MiniworldAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own picture, in the size and palette with which it was made."""
+        """Return the environment's own picture, uint8[H, W, 3], in the size and palette with which it was made."""
         if view == "partial":
             draw = self._env.render_obs
         else:

@@ -190,7 +190,7 @@ class World:
         return observation, reward, terminated, truncated, read_onset(info), info
 
     def _call(self, name: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Call a function that runs the world's code.
+        """Call a function that runs the world's code; ``name`` is what error messages call it.
 
         Errors of a foreign world are raised as WorldError with the world's id. Errors of a built-in world are bugs and
         pass unchanged.

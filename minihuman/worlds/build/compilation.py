@@ -158,7 +158,7 @@ class SimdVector:
 
     @property
     def count(self) -> int:
-        """Return the number of lanes."""
+        """The number of lanes."""
         return int(self.value.type.count)
 
     def _with(self, value: Any, kind: str | None = None) -> "SimdVector":

@@ -179,10 +179,12 @@ def _build_door(state: State, code: int, x: int, z: int, palette: Palette) -> li
             right, down = (-aside, 0.0) if yaw == 0.0 else (0.0, -aside)
             return [PlacedLook(leaf, (x + right, 0.0, z + down, yaw + np.pi / 2))]
         case cells.LOCKED:
+            # a dark bar across the door, thicker than the leaf, below half its height
             bar = BoxLook((1.0, 0.12, 1.6 * _DOOR_M), (0.12, 0.12, 0.12))
             return [PlacedLook(leaf, (x, 0.0, z, yaw)), PlacedLook(bar, (x, 0.45 * WALL_HEIGHT_M, z, yaw))]
         case _:
             along, down = (_KNOB_M, 0.0) if yaw == 0.0 else (0.0, _KNOB_M)
+            # a dark knob that stands out on both sides of the leaf
             knob = BoxLook((0.08, 0.08, 3 * _DOOR_M), (0.12, 0.12, 0.12))
             return [
                 PlacedLook(leaf, (x, 0.0, z, yaw)),
