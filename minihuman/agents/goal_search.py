@@ -41,7 +41,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def plan(self) -> list[str]:
-        """Return the names of the next actions, as far as they are decided; empty if there is nothing else to try.
+        """Return the names of the actions that are decided, the next one first; empty if there is nothing else to try.
 
         Raises:
             WorldError: if planning would take too long.

@@ -136,7 +136,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
 
     Args:
         protocol: the study.
-        tables: the tables by name: "blocks" and "teams", and, as far as the analysis needs them, all others.
+        tables: the tables by name: "blocks" and "teams", and those others that the analysis needs.
     """
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())

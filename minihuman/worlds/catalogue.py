@@ -479,7 +479,7 @@ def register() -> None:
 def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
     """Return whether an id names a built-in grid world that compiled kernels alone step and draw.
 
-    A web page can compute such a world. The function does not make the world.
+    A web page can compute these worlds. The function does not make the world.
     """
     return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
 
@@ -487,7 +487,7 @@ def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
 def is_first_person(world_id: str) -> bool:
     """Return whether an id names a built-in first-person world.
 
-    A web page can compute such a world, because the sine function is our own and gives the same bits everywhere.
+    A web page can compute these worlds, because the package's sine function gives the same bits on every machine.
     """
     return world_id in _FIRST_PERSON
 

@@ -1,6 +1,6 @@
 """Hashes of the pictures that were shown.
 
-They are in a module of their own because the kernels' build imports the module of the state hashes.
+They are in a separate module because the kernels' build imports the module of the state hashes.
 """
 
 import numpy as np

@@ -38,7 +38,7 @@ class AgentBlockSimulator(PartSimulator):
     def act(self, part: Activity, screen: Screen) -> bool:
         """Respond once to each new state of the episode on the screen.
 
-        Return whether this simulator is responsible for the screen: False for any but that of an agent block's episode.
+        Return False for any screen but that of an agent block's episode, which another simulator has to handle.
         """
         if not isinstance(screen, PlayScreen) or not isinstance(part, AgentPlayActivity):
             return False

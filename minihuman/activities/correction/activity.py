@@ -1,7 +1,7 @@
 """Correction: review an episode after it was played and demonstrate what should have been done.
 
 The session host decides which episodes are reviewed. A correction begins in the exact state after the chosen step; its
-steps are events of their own and continue the episode's count. It is not an episode of the session.
+steps are separate events and continue the episode's count. It is not an episode of the session.
 """
 
 import json

@@ -58,7 +58,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """Return the code of each option or point, for kinds without codes of their own (see `list_codes`)."""
+        """Return the code of each option or point, for kinds that define no other codes (see `list_codes`)."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
@@ -199,11 +199,11 @@ class QuestionKind:
         takes_text: whether keys that the draft does not handle are typed text.
         codes: returns the codes of an answer from a question's ``settings``; None if they are those of its ``options``.
         example: the fields that a question needs besides ``name``, ``kind`` and ``ask``; contract tests use them.
-        has_statements: whether a question can have ``statements``, each with an answer of its own.
+        has_statements: whether a question can have ``statements``, each with a separate answer.
         components: returns the text of each answer by its name, from a question's ``settings``, for a kind whose
             questions always have several answers, such as the two dimensions of a grid; None for any other.
         find_server_needs: yields what in a question needs a server, each as a clause about the part that asks it; None
-            if a page without a server cannot ask any. Such a page has a screen for each answer.
+            if a page without a server cannot ask any. That page has a screen for each answer.
         is_judged_by_page: whether a page without a server judges the answers by rules, as they are too many for a
             screen each.
     """

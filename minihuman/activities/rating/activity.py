@@ -130,7 +130,7 @@ class RatingActivity(AgentPlayActivity):
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture, which names the rating keys whoever is in control."""
+        """Return the text below the picture, which names the rating keys; ``controller`` makes no difference."""
         words = self.context.words
         good_label, bad_label = (label for _, label, _ in words.labels(self.rating_keys))
         return words.fill("rating.prompt", good=good_label, bad=bad_label)

@@ -82,7 +82,7 @@ class TrialsActivity(PlayActivity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Handle an input; first process everything that was due before it."""
         match happened:
             case ScreenShown() if self.run is not None:
                 self._record_flip(self.run, happened)

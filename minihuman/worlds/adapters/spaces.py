@@ -274,7 +274,7 @@ def _read_leaf(
     Args:
         leaf: the space
         start: the number of its first component
-        most_axes: the number of axes, from the first, for which a Box has elements
+        most_axes: how many axes of a Box have elements at most, from the first
 
     Raises:
         WorldError: if the leaf is of a kind that keys cannot move.

@@ -338,7 +338,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
 
 class _SceneRenderer:
-    """A cache of the last picture's scene, which is reused as far as nothing has changed."""
+    """A cache of the last picture's scene, of which the parts that have not changed are used again."""
 
     def __init__(self, kinds: tuple[ObjectKind, ...]) -> None:
         self._kinds = kinds
