@@ -19,10 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeClip:
-    """A sequence of an episode's steps, with the world, seed and actions that recreate it.
-
-    The world, its seed and every action up to the clip's last step recreate the pictures.
-    """
+    """A sequence of an episode's steps; its world, options, seed and actions recreate its pictures."""
 
     episode: int  # of the session it was played in, 0 for the first
     attempt: int  # 1, or more where the episode was begun again
@@ -40,7 +37,7 @@ class EpisodeClip:
 
 @dataclass(frozen=True, slots=True)
 class ClipOffered(ActivityInput):
-    """A clip from the session host; None if there is no further clip."""
+    """A clip from the session host; ``stretch`` is None if there is no further clip."""
 
     stretch: EpisodeClip | None
 
@@ -98,7 +95,11 @@ class EpisodeFilm(Sequence[ImageArray]):
     @overload
     def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
     def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
-        """Draw and return the picture at an index, or the pictures of a slice."""
+        """Draw and return the picture at an index, or the pictures of a slice; they are empty without a picture size.
+
+        Raises:
+            IndexError: if there is no picture at the index.
+        """
         if isinstance(step, slice):
             return [self[index] for index in range(*step.indices(len(self)))]
         if not -len(self) <= step < len(self):

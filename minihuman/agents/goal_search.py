@@ -41,7 +41,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def plan(self) -> list[str]:
-        """Return the names of the next actions, as far as they are decided; empty if there is nothing else to try.
+        """Return the names of the actions that are decided, the next one first; empty if there is nothing else to try.
 
         Raises:
             WorldError: if planning would take too long.
@@ -53,7 +53,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Record an action, and whether it had an effect."""
+        """Record an action that was done; ``no_effect`` says that it changed nothing."""
 
 
 class FullViewSearch(GoalSearch):
@@ -88,7 +88,13 @@ class FullViewSearch(GoalSearch):
 
 
 class GridSearch(GoalSearch):
-    """A search in a grid that is seen from above or from inside."""
+    """A search in a grid that is seen from above or from inside.
+
+    Args:
+        world: the grid world.
+        noise: draws the errors of judgements, in actions.
+        rng: draws what is forgotten.
+    """
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
@@ -118,7 +124,13 @@ class GridSearch(GoalSearch):
 
 
 class RoomSearch(GoalSearch):
-    """A search in rooms in first person."""
+    """A search in rooms in first person.
+
+    Args:
+        world: the first-person world.
+        noise: draws the errors of judgements, in actions.
+        rng: draws what is forgotten.
+    """
 
     def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
         from minihuman.worlds.first_person.pathfinding.belief_state import ExploredFloor

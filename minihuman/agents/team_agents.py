@@ -93,6 +93,7 @@ class CookAgent(BaseAgent):
         chances[action] = 1
         if is_blocked:
             chances *= np.float32(1 - SIDESTEP)
+            # the four moves and waiting are the actions before INTERACT
             chances[: fields.INTERACT] += np.float32(SIDESTEP / fields.INTERACT)
         return chances
 
@@ -108,7 +109,7 @@ class KitchenSearch(FullViewSearch):
 
 
 class KitchenView:
-    """One state of a kitchen, as one cook sees it."""
+    """One state of a kitchen, as the cook in a seat sees it; seats are numbered from 0."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
         row = kitchen.row

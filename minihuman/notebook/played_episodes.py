@@ -32,7 +32,9 @@ def convert_columns(world: CellWorld, sent: Sequence[Mapping[str, Any]]) -> list
 
 
 def _convert(world: CellWorld, columns: Mapping[str, Any], number: int) -> PageEpisode:
-    """Convert the columns of an episode, whose ``seed`` is the index of a seed of the world; count it from 1.
+    """Convert the columns that a cell sent of one episode; their ``seed`` is the index of one of the world's seeds.
+
+    ``number`` is the episode's number in messages, from 1.
 
     Raises:
         PageDataError: if the columns are malformed, or the world has no such seed.

@@ -50,7 +50,7 @@ class WorldWidget(anywidget.AnyWidget):
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The episodes that are over. Each was replayed here: "consistent", not witnessed.
+        """Return the episodes that are over; each was replayed here, so its evidence is "consistent", not "witnessed".
 
         Raises:
             PageDataError: if an episode replays differently.
@@ -59,7 +59,7 @@ class WorldWidget(anywidget.AnyWidget):
 
     @property
     def episode(self) -> Episode:
-        """The last episode that is over.
+        """Return the last episode that is over.
 
         Raises:
             MinihumanError: if none is over.

@@ -166,12 +166,12 @@ def run_baseline(
     seed: int = 1,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Scorecard:
-    """Simulate players on sets of levels, without repeating complete runs, and score all who played in ``data``.
+    """Simulate players on sets of levels, without repeating complete runs, and return the scores of all in ``data``.
 
     Args:
         protocols: the protocols of the sets.
         data: the folder in which each player gets a folder.
-        players: the number of runs of each player, by the player's name.
+        players: the number of runs of each player, by name; one that cannot play a set gets a note on the scorecard.
         seed: the seed of the players and of the scores.
         on_progress: a function that is called with a message before each player begins.
 

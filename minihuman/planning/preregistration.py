@@ -71,7 +71,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
 
 
 def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
-    """Write the preregistration of a study to a new file; return its path. The arguments are as in the text's builder.
+    """Write the preregistration of a study to a new file and return its path; arguments as for `build_preregistration`.
 
     Raises:
         ReportError: if the file exists.
@@ -95,7 +95,7 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
         studies: the number of simulated studies per group size.
 
     Raises:
-        ReportError: if the effect is not valid.
+        ReportError: if the effect is not valid, or too few simulated participants have a value of the measure.
     """
     from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 

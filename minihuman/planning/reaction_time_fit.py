@@ -25,7 +25,7 @@ PARAMETER_NAMES = ("mu_ms", "sigma_ms", "tau_ms", "repeat_factor", "practice", "
 _EPISODE = ["study", "participant", "session", "episode", "attempt"]  # what tells an episode from all others
 MIN_TIMES = 150  # times that a fit needs
 _MIN_TIMES_OF = {"tau_ms": 300, "practice": 300, "practice_presses": 1000}  # and that a parameter's interval needs
-_START = (330.0, 50.0, 150.0, 0.6, 0.3, 150.0, 0.01)
+_START = (330.0, 50.0, 150.0, 0.6, 0.3, 150.0, 0.01)  # where a fit begins, in the order of `PARAMETER_NAMES`
 _PRIOR_SDS = (
     np.inf,
     np.inf,

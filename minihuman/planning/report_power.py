@@ -53,7 +53,7 @@ class StudyDesign:
     """The assumptions of a simulated study: the effect, the comparison that has it, and the rate of drop-out."""
 
     shift: float = 0.0  # of the primary measure, in standard deviations between participants
-    on: str = "groups"  # which comparison has it: of the first group, condition, cell of both, or group's change
+    on: str = "groups"  # which of `COMPARISONS` has it; `_mark_affected` says in which rows
     drop_out: float = 0.0  # the chance to be missing from a session, and from all later ones
 
     def __post_init__(self) -> None:
@@ -94,7 +94,7 @@ def simulate_report_pool(
 ) -> ReportPool:
     """Simulate whole sessions of participants in every group, without leaving files on disk.
 
-    ``files`` are the contents of the files that the protocol names, such as tables of stimuli, by name.
+    ``people`` is their number, ``player`` their name and settings; ``files`` has the protocol's files, by name.
 
     Raises:
         ProtocolError: if the protocol is invalid.
@@ -136,7 +136,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
 
     Args:
         protocol: the study.
-        tables: the tables by name: "blocks" and "teams", and, as far as the analysis needs them, all others.
+        tables: the tables by name: "blocks" and "teams", and those others that the analysis needs.
     """
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
@@ -162,7 +162,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
 
 
 def _make_level_pool(pool: ReportPool, episodes: pd.DataFrame, trial_levels: pd.DataFrame | None) -> ReportPool | None:
-    """Return the pool with a row per participant, session and level of the label; None if there are no two levels.
+    """Return the pool with a row per participant, session and level of the analysis's label; None without two levels.
 
     Participants whose trials are all excluded are drawn as often as others, so each has a row, which is excluded.
     ``episodes`` are without practice; ``trial_levels`` has the measures of trials by level, if the analysis names any.
@@ -284,7 +284,7 @@ def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd
 
 
 def _move_success(rows: pd.DataFrame, shares: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
-    """Return the shares of successes after the effect, from 0 to 1.
+    """Return the shares of successes after the effect, from 0 to 1; the rows have the columns of `_find_effect`.
 
     An upward move turns each failure into a success with a chance that moves the mean of the cell as far as intended; a
     downward move does the reverse.
@@ -356,7 +356,7 @@ def _mark_affected(pool: ReportPool, comparison: str, compared_rows: pd.DataFram
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
-    """Yield the name and the corrected p of each comparison of the primary measure, as on the report's page."""
+    """Yield the name and corrected p of each comparison of the kind ``on``, one of `COMPARISONS`, as in the report."""
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
@@ -386,7 +386,7 @@ def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[s
 def _list_group_ps(
     rows: pd.DataFrame, pool: ReportPool, order: Sequence[str], *, is_change: bool
 ) -> Iterator[tuple[str, float]]:
-    """Yield the name and corrected p of each pair of groups in the target block, or of their changes over sessions."""
+    """Yield the name and corrected p of each pair of groups in the target block; if ``is_change``, of their changes."""
     analysis = pool.analysis
     target_rows = rows[rows["block"] == pool.target]
     primary = _find_primary_measure(pool, target_rows)

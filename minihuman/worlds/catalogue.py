@@ -32,7 +32,7 @@ _BATCH_GRID = "minihuman.worlds.inside.batch:make_grid_batch"
 
 
 def _make_grid_entry(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a MiniGrid world, which is of a family of layouts with the given options."""
+    """Return the catalogue entry of the world "MiniGrid-NAME", of a family of layouts with the given options."""
     return CatalogueEntry(
         f"MiniGrid-{name}", _MAKE_GRID, {"family": family, **options}, _BATCH_GRID, summary, guards_itself=True
     )
@@ -173,7 +173,7 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
 
 
 def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a BabyAI world, which is a level of the given kind with options."""
+    """Return the catalogue entry of the world "BabyAI-NAME", which is a level of the given kind with options."""
     level_options = {"family": f"level:{level}", **options}
     return CatalogueEntry(f"BabyAI-{name}", _MAKE_GRID, level_options, _BATCH_GRID, summary, guards_itself=True)
 
@@ -479,7 +479,7 @@ def register() -> None:
 def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
     """Return whether an id names a built-in grid world that compiled kernels alone step and draw.
 
-    A web page can compute such a world. The function does not make the world.
+    A web page can compute these worlds. The function does not make the world.
     """
     return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
 
@@ -487,7 +487,7 @@ def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
 def is_first_person(world_id: str) -> bool:
     """Return whether an id names a built-in first-person world.
 
-    A web page can compute such a world, because the sine function is our own and gives the same bits everywhere.
+    A web page can compute these worlds, because the package's sine function gives the same bits on every machine.
     """
     return world_id in _FIRST_PERSON
 

@@ -151,9 +151,15 @@ def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, repor
 
 
 def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch | None" = None) -> list[Moment]:
-    """Play episodes with the rehearsal's seeds in turn until its number of steps is reached.
+    """Play episodes with the rehearsal's seeds in turn until its number of steps is reached, and return each moment.
 
     The actions are drawn at random from the rehearsal's first seed.
+
+    Args:
+        world: the world.
+        rehearsal: how to play it.
+        draws: whether a picture is drawn after each reset and step.
+        watch: a checker of the values that the world returns; None to check none.
 
     Raises:
         WorldError: at the first error after which a session could not continue; the message says where it occurred.
@@ -188,6 +194,7 @@ def _take(
 
     The watch, if any, checks the values. The number of the step is 0 for a reset.
     """
+    # only the seed and the step are known yet, for the messages of errors
     moment = Moment(*seed_and_step, "", 0, 0, 0.0, terminated=False, truncated=False)
     try:
         transition = act()

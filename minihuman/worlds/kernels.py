@@ -48,7 +48,7 @@ int64: Any = np.int64  # for variables whose first values say too little, and co
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_HOLD_GIL: dict[str, Any] = {"_nrt": False}
+_HOLD_GIL: dict[str, Any] = {"_nrt": False}  # Numba counts no references to arrays
 _NOGIL: dict[str, Any] = _HOLD_GIL | {"nogil": True}
 
 
@@ -97,8 +97,13 @@ def device_function(
     """Return a decorator that compiles a function for calls from kernels only, without an entry point for Python.
 
     An entry point would have to be compiled too. Python must not call the function: the process would crash. A function
-    that a layout written in Python may call is a kernel. With ``force_inline`` the machine code is always copied into
-    the caller.
+    that a layout written in Python may call is a kernel.
+
+    Args:
+        signature: the return and argument types in Numba's notation; None compiles it for the arguments of each call.
+        nogil: as in `kernel`.
+        force_inline: whether the machine code is always copied into the caller.
+        variables: as in `kernel`.
     """
     options = {"no_cpython_wrapper": True, "forceinline": force_inline} | (_NOGIL if nogil else {})
     signatures = (signature,) if signature else ()

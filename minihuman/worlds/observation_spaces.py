@@ -12,7 +12,10 @@ from minihuman.worlds.adapters.returned_values import describe_value
 
 
 def find_outside(observation: Any, space: gymnasium.Space[Any], name: str = "the observation") -> str:
-    """Describe how an observation lies outside its space; return "" if it is inside."""
+    """Describe how an observation lies outside its space; return "" if it is inside.
+
+    ``name`` is what the description calls the observation.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Gymnasium warns of lists and casts, and answers as well
         if space.contains(observation):

@@ -1,6 +1,6 @@
 """Hashes of the pictures that were shown.
 
-They are in a module of their own because the kernels' build imports the module of the state hashes.
+They are in a separate module because the kernels' build imports the module of the state hashes.
 """
 
 import numpy as np
@@ -15,4 +15,5 @@ def hash_picture(picture: NDArray[np.uint8]) -> int:
         picture: the picture, uint8[H, W, 3].
     """
     height, width = picture.shape[:2]
+    # pictures of equal bytes and different sizes get different seeds
     return xxhash.xxh3_64_intdigest(np.ascontiguousarray(picture).data, seed=height << 32 | width) or 1

@@ -76,7 +76,7 @@ def _digest(sources: list[tuple[str, str]]) -> str:
 
 
 def _list_sources(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the path and the text of every Python file below a folder."""
+    """Yield the path and the text of every Python file below a folder; ``path`` precedes each file's path in it."""
     for entry in folder.iterdir():
         if entry.is_dir():
             yield from _list_sources(entry, f"{path}{entry.name}/")

@@ -1,4 +1,4 @@
-"""Vector environments of the worlds that have no batch of their own: the worlds are stepped one after the other."""
+"""Vector environments of the worlds that have no batch class: the worlds are stepped one after the other."""
 
 from functools import partial
 from typing import Any

@@ -30,9 +30,9 @@ from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
 
-AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
+AGENT_RULES = "2"  # the session's fact "agent_rules": since 2, an agent's failure is logged and ends a rated episode
 FLASH_NS = 150_000_000  # how long a rating is seen
-REPEAT_INTERVAL_NS = 100_000_000  # a held rating key counts once in so long
+REPEAT_INTERVAL_NS = 100_000_000  # a rating key that is held down counts once per interval
 
 
 class AgentPlayActivity(PlayActivity):
@@ -47,7 +47,7 @@ class AgentPlayActivity(PlayActivity):
         super().__init__(number, part, context)
         self.plan: AgentPlayPlan = part.plan
         self.controller: Controller = "agent"  # who is in control
-        self.policy = ""  # that plays the present episode
+        self.policy = ""  # the policy that plays the present episode; "" for none
         self.advised: Advised | None = None  # the latest advice; None before the present state has any
         self._has_first_policy = False  # whether the first policy was given, or failed
         self._failed = False  # whether there is no policy because a learner or an agent failed
@@ -78,7 +78,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _logs_agent_failures(self) -> bool:
-        """Return whether an agent's failure is logged as ``agent_failed``, as in sessions of the present rules."""
+        """Return whether an agent's failure is logged as ``agent_failed``, as the present agent rules demand."""
         return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
     # From outside
@@ -147,7 +147,7 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "agent_failed" if self._logs_agent_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
-        """Choose the agent's next action by a policy's advice and log it; ignore advice on an earlier state.
+        """Choose the agent's next action by a policy's advice and log it; ignore advice on any but the present state.
 
         Advice without a usable probability counts as a failure of the policy.
         """
@@ -164,9 +164,11 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(self.advised)
 
     def _draw_action(self, advice: Advice) -> int | None:
-        """Return an action that has a key, drawn by the policy's probabilities or the likeliest, as the protocol says.
+        """Return the number of an action that has a key: drawn by the policy's probabilities, or the likeliest.
 
-        None means that the probabilities are not usable: not one for each action, not finite, negative, or all 0.
+        The protocol says which of the two; actions without a key do not count. None means that the probabilities are
+        not usable: there is not one for each of the world's actions, or those of the actions with a key are not finite,
+        negative, or all 0.
         """
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
@@ -230,7 +232,13 @@ class AgentPlayActivity(PlayActivity):
             self._step(action, key="", key_t_ns=now_ns)
 
     def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
-        """Make a step and discard the agent's planned action; ``key`` is "" for a step of the agent."""
+        """Make a step of the running episode, log it, and discard the agent's planned action.
+
+        Args:
+            action: the number of the world's action.
+            key: the key that the person pressed; "" for a step of the agent.
+            key_t_ns: the session time of the key press, or of the agent's step.
+        """
         stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
         self._due_ns = None
         self.advised = None
@@ -268,7 +276,10 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
-        """Give control to the agent or the person, and log it; ``pressed_ns`` is the time of the key press, if any."""
+        """Give control to the agent or the person, and log it with its reason.
+
+        ``pressed_ns`` is the session time of the key press that caused it; None if no key did.
+        """
         play = self._current
         now_ns = self.context.now_ns
         self.controller = controller
@@ -289,7 +300,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def learning_s(self) -> float:  # type: ignore[override]
-        """Return the longest time that the next episode waits for the learner, in seconds."""
+        """Return the longest time that the next episode waits for the learner, in seconds; 0 if none is learning."""
         if self._learning:
             return self.agent.wait_s
         return 0.0
@@ -302,7 +313,7 @@ class AgentPlayActivity(PlayActivity):
         return round(self.agent.step_ms * NS_PER_MS)
 
     def describe_steering(self, play: RunningEpisode) -> Steering:
-        """Return who is in control, the agent's next action, and what the keys do meanwhile."""
+        """Return who controls a running episode, the agent's next action, and what the keys do meanwhile."""
         rules = SteeringRules(
             period_ns=self.period_ns,
             person_acts=self.takes_over,

@@ -14,9 +14,9 @@ class PolicyGiven(ActivityEvent):
     """A policy was received that plays from the next episode onwards, or a learner or agent failed."""
 
     part: int
-    episode: int  # the next one
+    episode: int  # the next episode
     policy: str  # SHA-256 of its file, or the name of an agent that has none; "" where there is none yet
-    failure: str  # why a learner gave none; "" where it did
+    failure: str  # why the learner or agent failed; "" where it did not
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class LearnerAsked(ActivityEvent):
     """A learner was asked for a policy from everything taught so far."""
 
     part: int
-    episode: int  # the first that it cannot know of
+    episode: int  # the first episode that the learner cannot know of
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Advised(ActivityEvent):
     """The action that the policy would take after a step, logged even while the person is in control."""
 
     episode: int
-    step: int  # that it follows, 0 for the reset
+    step: int  # the step after which it was given, 0 for the reset
     action: int  # the world's; drawn from the probabilities, or the likeliest
     probabilities: tuple[float, ...]  # by the world's action number
 

@@ -38,5 +38,5 @@ class AgentPlayPlan(PlayPlan, frozen=True):
         return bool(self.agent.learner)
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Return whether the block plays a policy that a learner makes or that is one of the protocol's files."""
+        """Return whether the block plays a policy that a learner makes or that is one of the protocol's ``files``."""
         return bool(self.agent.learner) or self.agent.policy in files

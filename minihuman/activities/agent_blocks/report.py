@@ -20,7 +20,10 @@ _MS_PER_MIN = 60_000.0
 
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
-    """Return, by block, the episodes that an agent played, with their records of teaching; without empty episodes."""
+    """Return the episodes that an agent played, with their records of teaching, by the name of their block.
+
+    Episodes without a step are left out.
+    """
     episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
     for episode in log.episodes:
         if episode.taught is not None and len(episode.actions):
@@ -29,7 +32,7 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
-    """Return the minutes of an episode in which the person was in control, without pauses."""
+    """Return the minutes, without pauses, in which the person controlled an episode that has a record of teaching."""
     begins_ns = episode.t_ns[:-1]
     ends_ns = episode.t_ns[1:]
     durations_ns = ends_ns - begins_ns
@@ -57,7 +60,8 @@ def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
     """Return how much the agent's share of an episode's steps grew per minute of the person's earlier control.
 
-    This is the slope of a least-squares line; NaN if every episode followed the same number of minutes.
+    This is the slope of a least-squares line over the episodes of one block, in the order of play. NaN if each of them
+    follows the same number of minutes.
     """
     minutes = np.cumsum([0.0, *(steering_minutes(episode, taught) for episode, taught in episodes)])[:-1]
     shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
@@ -69,7 +73,12 @@ def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
 
 
 def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
-    """Draw and yield a figure of who was in control, and one of any ratings, for each session and block."""
+    """Draw and yield, for each session and block, a figure of who was in control, and one of the ratings, if any.
+
+    Args:
+        logs: the logs by the session's name, which is part of the file names and captions.
+        out: the folder in which the figures are written.
+    """
     for name, log in logs.items():
         for block, episodes in group_taught_by_block(log).items():
             stem = out / f"{block}_steering_{name.replace(' ', '_')}"
@@ -111,7 +120,7 @@ grew per minute of the person's earlier control (slope of a line). Good, bad: ra
 
 
 def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
-    """Compute the measures that a protocol can name as ``teaching:NAME``, for one block of one session."""
+    """Return the measures that a protocol can name as ``teaching:NAME``, by NAME, for one block of one session."""
     is_by_person = np.concatenate([taught.by_person for _, taught in episodes])
     return {
         "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
@@ -123,7 +132,7 @@ def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
 
 
 def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
-    """Return a table of the measures of teaching, with one row per session and agent block.
+    """Return a table of the measures of teaching, with one row per session and block that an agent played.
 
     The columns are participant, session, block and the measures.
     """
@@ -141,7 +150,7 @@ def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
 
 
 def _build_row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
-    """Build the row of a session's block in the report's table on teaching."""
+    """Return the cells of the report's table on teaching for one block of the session called ``name``."""
     ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
     policies = {taught.policy for _, taught in episodes if taught.policy}
     measured = measure_teaching(episodes)

@@ -16,11 +16,11 @@ class PolicyRequest(ActivityRequest):
     agent: AgentPlan
     learning: bool  # a learner was asked for one, and has not answered; else it is the first that is asked for
     episode: int  # the first that the learner cannot know of
-    policy: str  # that plays now; before the first, what the protocol calls it
+    policy: str  # the policy that plays now; before there is one, its name in the protocol
 
     @property
     def takes_long(self) -> bool:
-        """Return whether a learner makes the policy."""
+        """Return whether the answer may take long, because a learner makes the policy."""
         return self.learning
 
 
@@ -34,7 +34,10 @@ class AdviceRequest(ActivityRequest):
 
 @dataclass(frozen=True, slots=True)
 class NewPolicy(ActivityInput):
-    """A new policy, or the failure of a learner, after which the previous policy stays in force."""
+    """A new policy, or the failure of a learner or of the agent that plays.
+
+    After a learner's failure, the previous policy stays in force.
+    """
 
     policy: str  # SHA-256 of its file, or the name of an agent that has none
     failure: str = ""  # why there is none

@@ -56,7 +56,11 @@ def _check_times(agent: AgentPlan) -> RuleErrors:
 
 
 def _check_key(name: str, key: str, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of the key in a field: no key, a key of the session, or a key that may have an action."""
+    """Yield the errors of the key in a field of the settings.
+
+    A key is wrong if it is not the name of a key, if the session itself uses it, or if the pool of keys that may have
+    an action contains it.
+    """
     if key not in BUTTON_NAMES:
         yield name, f"is {key!r}, which is not a key"
     if key in RESERVED_KEYS:

@@ -15,7 +15,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 
 
 def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """Build the description of an episode's present state that a simulated teacher receives."""
+    """Build the description of an episode's state at a session time that a simulated teacher receives."""
     advised = part.advised
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"
@@ -36,7 +36,10 @@ class AgentBlockSimulator(PartSimulator):
         self._last_state = ("", -1)  # who was in control, and the step
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Respond once to each new state of the episode on the screen; return False for any other screen."""
+        """Respond once to each new state of the episode on the screen.
+
+        Return False for any screen but that of an agent block's episode, which another simulator has to handle.
+        """
         if not isinstance(screen, PlayScreen) or not isinstance(part, AgentPlayActivity):
             return False
         play = part.play if part.playing else part.rated_episode
@@ -54,7 +57,7 @@ class AgentBlockSimulator(PartSimulator):
         return True
 
     def _decide(self, part: AgentPlayActivity, play: RunningEpisode) -> KeyPress | None:
-        """Return the key that a teacher, or a participant who is in control, presses now; None for no press."""
+        """Return the key press with which a teacher, or a participant in control, responds now; None for no press."""
         participant = self.person.participant
         if isinstance(participant, SimulatedTeacher):
             with name_failures():

@@ -1,7 +1,7 @@
 """Correction: review an episode after it was played and demonstrate what should have been done.
 
 The session host decides which episodes are reviewed. A correction begins in the exact state after the chosen step; its
-steps are events of their own and continue the episode's count. It is not an episode of the session.
+steps are separate events and continue the episode's count. It is not an episode of the session.
 """
 
 import json
@@ -117,7 +117,7 @@ class CorrectionActivity(Activity):
     # Looking
 
     def _begin_review(self, episode: EpisodeClip | None) -> None:
-        """Show an episode for review and log it; end the part if there is none."""
+        """Show an episode for review and log it; end the part if there is none, or if the session's plan lacks it."""
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
             self.context.emit(NothingToCorrect(now_ns, self.number, self._number))

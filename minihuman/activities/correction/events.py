@@ -56,7 +56,7 @@ class CorrectionBegun(ActivityEvent, EpisodeBeginning):
     correction: int  # 0 for the part's first
     episode: int
     attempt: int
-    step: int  # after which it begins
+    step: int  # the step after which the correction begins, 0 for the reset
     state_hash: int
     pressed_ns: int
 

@@ -9,6 +9,9 @@ _POSITION = 1  # of the check in an early session: after the first pages, before
 
 
 def find_early_check(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the keyboard check of a plan from before plans had parts, with its position; nothing if it has none."""
+    """Yield the keyboard check of a plan from before plans had parts, with its position among the session's parts.
+
+    Yield nothing if the plan has no keyboard check.
+    """
     if plan.keyboard_check:
         yield _POSITION, PlannedPart("keyboard_check", "keyboard_check", KeyboardCheckPlan(plan.key_pool))

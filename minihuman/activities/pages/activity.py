@@ -163,6 +163,7 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
     for name, label in example.marks.items():
         if name in positions:
             x, z = positions[name]
+            # positions as shares of the map's width and height
             labels.append(PictureLabel((x - x_min) / (x_max - x_min), (z - z_min) / (z_max - z_min), label))
     return picture, tuple(labels)
 

@@ -11,7 +11,7 @@ _CLOSING_POSITION = 3  # after the blocks
 
 
 def find_early_pages(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the pages of a plan from before plans had parts, each with its position in the session."""
+    """Yield the pages of a plan from before plans had parts, each with its position among the session's parts."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     if plan.consent_text and plan.segment == 1:
         text = plan.consent_text.strip()

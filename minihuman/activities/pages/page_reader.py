@@ -9,7 +9,7 @@ BACK_KEYS = ("left", "page_up", "backspace")
 
 
 class PageReader:
-    """The open page of a text, and the furthest page that was open."""
+    """The open page of a text of ``pages`` pages, and the furthest page that was open, both counted from 0."""
 
     def __init__(self, pages: int) -> None:
         self.pages = max(1, pages)
@@ -32,7 +32,7 @@ class PageReader:
 
 
 def build_page_shown(part: int, reader: PageReader, screen_shown: ScreenShown) -> PageShown:
-    """Build the event that the open page reached the display."""
+    """Build the event that the open page of the part with index ``part`` reached the display."""
     return PageShown(
         screen_shown.t_ns, part, reader.page + 1, reader.pages, screen_shown.submit_ns, screen_shown.flip_ns
     )

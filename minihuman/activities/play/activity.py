@@ -107,13 +107,13 @@ class PlayActivity(Activity):
 
     @property
     def needs_new_world(self) -> bool:
-        """Return whether the next episode's world must still be created."""
+        """Return whether the world of the next episode must still be made, which takes time."""
         plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """Return the plan of the next episode; a block that resolves its episodes while it runs overrides it."""
+        """Return the plan of the next episode; a subclass whose blocks resolve their episodes late overrides it."""
         return self.sequence.next_plan
 
     @property
@@ -309,7 +309,10 @@ class PlayActivity(Activity):
             self._move(TransitionCause.DONE)
 
     def _turn(self, n_pages: int, *, by_enter: bool) -> None:
-        """Turn the instruction by a number of pages, back below 0; Enter on the last page ends the instruction."""
+        """Turn the instruction by a number of pages, forward above 0 and back below.
+
+        On the last page a turn forward ends the instruction if ``by_enter`` is true: by Enter or by the button.
+        """
         if not self._reader.turn(n_pages) and n_pages > 0 and by_enter:
             self._move(TransitionCause.DONE)
 
@@ -350,7 +353,7 @@ class PlayActivity(Activity):
         self.next_play = self._play
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
-        """Make the running episode of a plan, in a world of the session; a hook for subclasses."""
+        """Return a new running episode of a plan, in a world of the session; a hook for subclasses."""
         world = self.context.world(plan.world, plan.options)
         context = self.context
         return RunningEpisode(
@@ -391,7 +394,10 @@ class PlayActivity(Activity):
             self._episode_ended("")
 
     def _episode_ended(self, cause: EndCause) -> None:
-        """Log and count the episode's end, decide whether another follows, and enter the next phase."""
+        """Log and count the episode's end, decide whether another follows, and enter the next phase.
+
+        ``cause`` says what ended the episode other than its world; "" if a step in the world ended it.
+        """
         play = self._current
         context = self.context
         self.play = None

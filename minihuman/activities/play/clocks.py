@@ -90,7 +90,7 @@ class PhaseTimer:
         self._until_ns: int | None = None
 
     def begin(self, phase: StrEnum, now_ns: int) -> None:
-        """Start the timer of a phase."""
+        """Start the timer of a phase that ends by time, or of a rest, at a session time; ignore any other phase."""
         if phase in self._timed:
             self._until_ns = now_ns + self._find_duration_ns(phase)
         elif phase is Phase.REST:

@@ -40,9 +40,10 @@ class BlockDesign:
         self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
 
     def decide(self, *, goes_on: bool) -> bool:
-        """Ask the design about the next episode and return whether it ends the block.
+        """Ask the design about the next episode, log its decision, and return whether the design ends the block now.
 
-        Log the decision. When the block is over (``goes_on`` is false), only the design's last estimates are used.
+        If the block is over anyway (``goes_on`` is false), only the design's last estimates count, and False is
+        returned.
         """
         context = self._context
         plan = self._context.plan

@@ -11,7 +11,10 @@ _OUTCOMES = ("goal", "timeout", "failure", "abandoned")
 
 
 def find_early_blocks(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the blocks of a plan from before plans had parts, in order, each with the position of all blocks."""
+    """Yield the blocks of a plan from before plans had parts, in order.
+
+    Each comes with the position of the blocks among the session's parts, which is the same for all.
+    """
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     n_blocks = len(plan.texts)
     for block_index, text in enumerate(plan.texts):

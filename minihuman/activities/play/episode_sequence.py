@@ -41,7 +41,7 @@ class EpisodeSequence:
 
     @property
     def interval_ms(self) -> float:
-        """Return the time for which the screen is empty before the next episode, in milliseconds."""
+        """Return how long the screen is empty before the next episode, in milliseconds."""
         intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
         episode_in_block = self._context.next_episode - self._plan.first
         if episode_in_block < len(intervals_ms):  # after the last episode there is no interval

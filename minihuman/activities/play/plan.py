@@ -40,7 +40,10 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return len({self.goal, self.timeout, self.failure}) > 1
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
-        """Compute the points of an episode; an episode that was abandoned or whose agent failed earns none."""
+        """Return the points of an episode; an episode that was abandoned or whose agent failed earns none.
+
+        ``reward`` is the sum of the episode's rewards.
+        """
         if outcome in ("abandoned", "agent_failed"):
             return 0.0
         outcome_points = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}

@@ -83,7 +83,10 @@ def build_feedback_screen(
 
 
 def build_rest_screen(words: InterfaceWords, text: str, remaining_s: int) -> TextScreen:
-    """Build the screen of the rest after a block, with the seconds that remain; Enter continues when none do."""
+    """Build the screen of the rest after a block, with the seconds that remain; Enter continues when none do.
+
+    ``text`` is what the screen says; if it is empty, the interface's standard text is shown.
+    """
     prompt = words["go_on"] if remaining_s <= 0 else words.fill("rest.wait", seconds=remaining_s)
     return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, locale=words.locale)
 
@@ -144,7 +147,14 @@ class BlockScreens:
         )
 
     def build_play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
-        """Build the screen of a running episode; the last picture, which stays on, also shows the points."""
+        """Build the screen of a running episode.
+
+        Args:
+            play: the episode.
+            is_last: whether its last picture stays on; the screen then also has the outcome's mark and the points, each
+                only if the block shows them.
+            points: the points that the episode earned.
+        """
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
         mark: OutcomeMark = ""

@@ -28,7 +28,7 @@ class BlockTally:
         return self.scored
 
     def decide(self, *, time_is_up: bool) -> None:
-        """Decide whether the block ends before its last planned episode."""
+        """Record that the block ends early, if its criterion is met or its playing time is used up (``time_is_up``)."""
         until = self._plan.until
         if until is not None and until.is_met(self.outcomes):
             self.skip = "criterion"

@@ -40,7 +40,7 @@ class PreferencesActivity(Activity):
         plan = self.context.plan
         purpose = f"pair-sides-{self.part.name}-session-{plan.session}"
         order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
-        self._first_is_right = [position % 2 == 1 for position in order]
+        self._first_is_right = [position % 2 == 1 for position in order]  # a random half of the pairs
         self._await_pair()
 
     def _await_pair(self) -> None:
@@ -111,7 +111,7 @@ class PreferencesActivity(Activity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """Return the time of the next pictures; None while the present ones have not reached the display."""
+        """Return the time at which the next pictures are due; None while the present ones are not on the display."""
         return self._until_ns
 
     def suspend(self, reason: PauseReason) -> None:

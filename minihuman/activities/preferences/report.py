@@ -22,7 +22,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
 
 
 def _build_rows(logs: Mapping[str, SessionLog]) -> list[tuple[str, ...]]:
-    """Build a row of the table for each session with answers."""
+    """Return the cells of the table's row of each session with answers; ``logs`` are by the session's name."""
     rows = []
     for name, log in logs.items():
         answers = [comparison.preference.answer for comparison in log.comparisons]

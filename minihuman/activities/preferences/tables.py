@@ -9,7 +9,7 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def _build_preference_row(event: Preferred, log: SessionLog) -> TableRow | None:
-    """Build the row of an answer with its pair's clips; None if the log lacks a clip of the pair."""
+    """Build the row of an answer with its pair's clips; None if the log has no complete comparison for the answer."""
     for comparison in log.comparisons:
         if comparison.preference is event:
             return {
@@ -26,7 +26,7 @@ def _build_preference_row(event: Preferred, log: SessionLog) -> TableRow | None:
 
 
 def _describe_side(side: Side, clip: EpisodeClip) -> TableRow:
-    """Return the columns that say which steps of which episode a side's clip shows."""
+    """Return the columns of one side's clip: its episode, the attempt, and the first and last step that it shows."""
     return {
         f"{side}_episode": clip.episode + 1,
         f"{side}_attempt": clip.attempt,

@@ -64,7 +64,7 @@ class QuestionsActivity(Activity):
         self._show_question(0)
 
     def _show_question(self, number: int) -> None:
-        """Make the question of an index the present one, with no time of display, changes or note yet."""
+        """Show the question of an index, with its time of display, its changes and its note reset."""
         self._number = number
         self._shown_ns = 0
         self._first_ns = 0
@@ -98,7 +98,10 @@ class QuestionsActivity(Activity):
                 self._note_change(previous_answer)
 
     def _edit_text(self, edited: TextEdited) -> None:
-        """Replace the answer by the whole text of a native field, log it, and show a note at once if it is too long."""
+        """Replace the answer by the whole text of a native field and log it; show a note at once if it is too long.
+
+        A text of another question's field, or one that the answer does not accept, changes nothing.
+        """
         previous_answer = self._answer
         name = self.draft.question.name
         if edited.field not in ("", name) or not self.draft.put_text(edited.text):
@@ -235,7 +238,10 @@ class QuestionsActivity(Activity):
 
     @property
     def history(self) -> tuple[object, ...]:
-        """Return all answers and whether each is right, if a question depends on an answer or can be wrong; or ()."""
+        """Return each answer with whether it is right, if the further course can depend on the answers; otherwise ().
+
+        It depends on them if a question has a condition or a right answer.
+        """
         if not any(question.only_if or question.right is not None for question in self._plan.items):
             return ()
         answers = (msgspec.json.encode((draft.value, draft.display_text)).decode() for draft in self._drafts)

@@ -37,12 +37,15 @@ def describe_slider(draft: SliderDraft) -> AnswerField:
 
 
 def _make_text_input(text: str) -> Callable[[int], Input]:
-    """Return a function that builds the input by which a field's text becomes the given text, from the input's time."""
+    """Return a function that takes a time in ns and returns the input that makes ``text`` a field's text."""
     return lambda t_ns: TextEdited(t_ns, text)
 
 
 def _touch_slider(t_ns: int) -> Input:
-    """Return the input of a press on the middle of a slider; any place on the screen does."""
+    """Return the input of a press on the middle of a slider at a time in ns.
+
+    The place on the screen is arbitrary.
+    """
     return PointerPressed(t_ns, x=0.5, y=0.5, target="slider", along=0.5)
 
 
@@ -70,7 +73,10 @@ def describe_rules(draft: TextDraft) -> dict[str, Any]:
 
 
 def list_examples(draft: TextDraft) -> dict[str, str]:
-    """Return an example text for each judgement that a draft's question can have; the draft's own text is restored."""
+    """Return an example text, by judgement, for each judgement of a text that a draft's question can have.
+
+    The draft's own text is the same afterwards as before.
+    """
     original_text = draft.display_text
     examples: dict[str, str] = {}
     for text in _list_candidates(draft):
@@ -81,7 +87,7 @@ def list_examples(draft: TextDraft) -> dict[str, str]:
 
 
 def _list_candidates(draft: TextDraft) -> Iterator[str]:
-    """Yield texts that have every judgement: empty, blank, too long, and numbers inside and outside the range."""
+    """Yield texts that together have every judgement: empty, blank, too long, numbers in and outside the range."""
     low = draft.question.minimum
     high = draft.question.maximum
     yield from ("", " ", "x", " " * (draft.longest + 1), "x" * (draft.longest + 1))

@@ -58,7 +58,7 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """Return the code of each option or point, for kinds without codes of their own (see `list_codes`)."""
+        """Return the code of each option or point, for kinds that define no other codes (see `list_codes`)."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
@@ -112,7 +112,10 @@ class AnswerDraft(abc.ABC):
         return False
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:  # noqa: B027 - a text field needs no click
-        """Handle the pointer on a target: a press (``down``), or a move after one."""
+        """Handle the pointer on a target such as "option:2": a press (``down``), or a move after one.
+
+        ``along`` is the pointer's place on the target, as in `PointerPressed`.
+        """
 
     @property
     @abc.abstractmethod
@@ -128,7 +131,7 @@ class AnswerDraft(abc.ABC):
     def model_request(self) -> str:
         """Return what a language model is asked to answer with; "" for the sentence of the widget.
 
-        A log's prompts are proved, so a kind that has been used keeps its sentence.
+        Verification composes a log's prompts again, so a kind that has been used must keep its sentence.
         """
         return ""
 
@@ -171,7 +174,7 @@ def _no_errors(question: QuestionItemSpec) -> ItemErrors:
 
 
 def needs_no_server(question: QuestionItemSpec) -> Iterator[str]:
-    """Yield nothing, for a kind whose questions a page asks alone."""
+    """Yield nothing, for a kind whose questions a page without a server can ask."""
     yield from ()
 
 
@@ -196,11 +199,11 @@ class QuestionKind:
         takes_text: whether keys that the draft does not handle are typed text.
         codes: returns the codes of an answer from a question's ``settings``; None if they are those of its ``options``.
         example: the fields that a question needs besides ``name``, ``kind`` and ``ask``; contract tests use them.
-        has_statements: whether a question can have ``statements``, each with an answer of its own.
+        has_statements: whether a question can have ``statements``, each with a separate answer.
         components: returns the text of each answer by its name, from a question's ``settings``, for a kind whose
             questions always have several answers, such as the two dimensions of a grid; None for any other.
         find_server_needs: yields what in a question needs a server, each as a clause about the part that asks it; None
-            if a page without a server cannot ask any. Such a page has a screen for each answer.
+            if a page without a server cannot ask any. That page has a screen for each answer.
         is_judged_by_page: whether a page without a server judges the answers by rules, as they are too many for a
             screen each.
     """
@@ -282,7 +285,11 @@ def _list_components(question: QuestionItemSpec) -> Mapping[str, str]:
 
 
 def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
-    """Return the codes that an answer to a question can have: the kind's own, or one for each option or point."""
+    """Return the codes that an answer to a question can have: the kind's own, or one for each option or point.
+
+    Raises:
+        ProtocolError: if the question's kind is not installed.
+    """
     kind = find_question_kind(question.kind)
     if kind.codes is None:
         return question.all_codes
@@ -356,17 +363,17 @@ def _check_right_answers(question: QuestionItemSpec) -> ItemErrors:
 
 
 def check_range(question: QuestionItemSpec) -> ItemErrors:
-    """Yield an error if a question's range of numbers is empty."""
+    """Yield an error if a question's range of numbers is empty or its step is not above 0."""
     if question.minimum >= question.maximum or question.step <= 0:
         span = f"{question.minimum:g} to {question.maximum:g}"
         yield "minimum", f"to maximum is {span} in steps of {question.step:g}, which is none"
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Return whether an answer is right; None if the question has no right answer.
+    """Return whether a question's answer is right; None if the question has no right answer.
 
-    Texts are compared without regard to case and surrounding blanks, several codes without regard to their order
-    unless the kind's answer is an order.
+    Texts are compared without regard to case and surrounding blanks. Several codes are compared without regard to their
+    order, unless the kind's answer is an order.
     """
     if question.right is None:
         return None

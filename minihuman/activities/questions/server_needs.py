@@ -9,7 +9,7 @@ from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
 
 def find_server_needs(part: PlannedPart) -> Iterator[str]:
-    """Yield a clause for each property of a part of questions that needs a server.
+    """Yield a clause for each property of a part of questions that needs a server, such as "asks 'age' of kind 'file'".
 
     A page without a server cannot let the further course depend on an answer that it judges itself.
     """

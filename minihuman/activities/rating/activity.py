@@ -73,7 +73,7 @@ class RatingActivity(AgentPlayActivity):
         return self.agent.policy or "random"
 
     def _shown(self, screen_shown: ScreenShown) -> None:
-        """Handle a picture that reached the display; without a policy, take a random action.
+        """Handle a picture that reached the display; without a policy, draw the agent's next action at random.
 
         If the agent has failed and the session records failures, the episode ends instead.
         """
@@ -111,7 +111,7 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """Return the finished episode whose last picture is still shown, and can be rated."""
+        """Return the finished episode whose last picture is still shown and can be rated; None in every other phase."""
         if self.phase is Phase.HOLD:
             return self._current
         return None
@@ -130,7 +130,7 @@ class RatingActivity(AgentPlayActivity):
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture, which names the rating keys."""
+        """Return the text below the picture, which names the rating keys; ``controller`` makes no difference."""
         words = self.context.words
         good_label, bad_label = (label for _, label, _ in words.labels(self.rating_keys))
         return words.fill("rating.prompt", good=good_label, bad=bad_label)

@@ -56,7 +56,7 @@ from minihuman.experiment.machine.transitions import Phase, PhaseTransition, Tra
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 
-# What is said of a partner who is gone: who plays in their place is not said before the protocol discloses it.
+# The text on a partner who is gone, by `partner_disclosure`: only under "always" does it say that an agent took over.
 _WORDS_OF_ABSENCE = {"always": "team.partner_replaced", "debrief": "team.partner_away", "": "team.partner_away"}
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
 
@@ -195,7 +195,7 @@ class TeamPlayActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """Return the input from the team host that caused an event; None for other events."""
+        """Return the input that caused an event, from the team host or the person's typing; None for other events."""
         match event:
             case TeamFormed():
                 return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats), event.salt)
@@ -226,7 +226,10 @@ class TeamPlayActivity(PlayActivity):
         return None
 
     def _join_team(self, team: Team, salt: str) -> None:
-        """Take the seat that the team assigned, log the team, and leave the lobby."""
+        """Take the seat that the team assigned, log the team, and leave the lobby.
+
+        ``salt`` is the secret with which the digests of this seat's messages are made.
+        """
         self.formed = team
         self._messages.seat = team.seat
         self._messages.salt = salt
@@ -258,7 +261,7 @@ class TeamPlayActivity(PlayActivity):
             self._lobby_ns = self.context.now_ns
 
     def _lose_team(self, reason: GoneReason) -> None:
-        """Log why the team ended, and return to the lobby or end the block."""
+        """Log why the team ended, and end the block; return to the lobby if a partner left before the first step."""
         self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         if reason == "declined":
             self.formed = None
@@ -313,7 +316,7 @@ class TeamPlayActivity(PlayActivity):
         self._holders = tuple(holders)
 
     def _note_sighting(self, sighted: SeatSighted) -> None:
-        """Record and log whether another seat's person is seen to be there."""
+        """Record and log the visible state of a person's seat, which may be this one."""
         self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
         play = self.team_episode
         self.context.emit(
@@ -342,7 +345,7 @@ class TeamPlayActivity(PlayActivity):
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
         """Return the earliest time of the next tick, the next repeated request, and the removal of a cell's mark.
 
-        None means that nothing is due.
+        None means that none of them is due.
         """
         tick_ns = super().next_tick_ns
         has_submitted = self.playing and self.team_episode.submitted is not None

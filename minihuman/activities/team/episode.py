@@ -81,11 +81,15 @@ class TeamEpisode(RunningEpisode):
         return self.submitted.action
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> PictureCorrected:
-        """Return the event of a picture that showed this seat's action before the others' actions changed the step."""
+        """Return the event of a picture that showed this seat's action before the others' actions changed the step.
+
+        ``t_ns``, ``submit_ns`` and ``flip_ns`` are session times: of the report, of the picture's submission to the
+        display, and of its appearance there.
+        """
         return PictureCorrected(t_ns, self.plan.episode, step, submit_ns, flip_ns)
 
     def poses(self) -> tuple[float, ...]:
-        """Return the pose of every body, by seat: x, y, z and yaw_rad of each."""
+        """Return x, y, z and yaw_rad of every body in one flat tuple, seat after seat, as the world states them."""
         with catch_world_errors():
             poses = self.world.unwrapped.poses()
         return tuple(number for pose in poses for number in (pose.x, pose.y, pose.z, pose.yaw_rad))
@@ -101,9 +105,10 @@ class TeamEpisode(RunningEpisode):
         return event
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """Submit this seat's action if a tick is due; return None, as the step follows when the joint action arrives.
+        """Submit this seat's action if a tick is due at the session time ``t_ns``; return None.
 
-        The action is that of the queued or held keys, or the idle action.
+        The step follows when the joint action arrives. The submitted action is that of the queued or held keys, or the
+        idle action.
         """
         if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
             self._due_ns = self.next_tick_ns
@@ -137,7 +142,7 @@ class TeamEpisode(RunningEpisode):
     def step_joint(self, t_ns: int, joint: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
         """Make a joint step and return its event, the rewards by seat, and this seat's submission for it.
 
-        The submission is None if this seat had not submitted an action.
+        The submission is None if this seat had not submitted an action. ``t_ns`` is the session time of the step.
         """
         submission = self.submitted
         self.submitted = None

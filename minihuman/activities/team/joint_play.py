@@ -93,7 +93,7 @@ class JointPlay:
             self._hand_over(history.finished)
 
     def list_steps(self, episode: int) -> Sequence[JointAction]:
-        """Return the closed steps of an episode."""
+        """Return the closed steps of the episode with an index, in order."""
         return self._steps.setdefault(episode, [])
 
     def learn_steps(
@@ -218,7 +218,10 @@ class JointPlay:
         return _build_joint_taken(due.episode, due.step, joint_action)
 
     def leave(self, seat: int) -> None:
-        """Record that the session of a seat is over, and give the seat to the stand-in or end the block."""
+        """Record that the session of a seat is over, and give the seat to the stand-in or end the block.
+
+        A newly paired team that has not played a step ends instead, so that its other people return to the lobby.
+        """
         if self._rules.pairing not in ("same", "fixed") and not self._has_played:
             self._has_declined = True
         self._hand_over({seat})
@@ -258,7 +261,10 @@ class JointPlay:
         return replace(self._open_step.find_due(late), silent_ms=silent_ms)
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
-        """Return how late the missing inputs are by the server's clock, regardless of the times that pages report."""
+        """Return how late the inputs of the ``missing`` seats are by the server's clock.
+
+        The times that pages report do not count.
+        """
         period_s = want.plan.step_period_ms / MS_PER_S
         due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
         return self._clock.find_delay(now_s, due_s)
@@ -278,7 +284,10 @@ class JointPlay:
         return self._hand_over(replaced, now_s)
 
     def _hand_over(self, seats: Collection[int], now_s: float = -math.inf) -> bool:
-        """Give seats to the stand-in; return False if the block ends instead."""
+        """Give seats to the stand-in at a time in seconds; return False if the block ends instead.
+
+        By default the time precedes all others, so that any act of the person counts as later.
+        """
         if not seats or self.presence.hand_over(seats, now_s):
             return True
         self._concerned |= self.presence.persons

@@ -37,7 +37,7 @@ class LobbyEntry(Generic[Member]):
 
     @property
     def index(self) -> int:
-        """Return the participant's index."""
+        """Return the participant's index in the study."""
         return self.participant.index
 
 
@@ -148,7 +148,7 @@ class Lobby(Generic[Member]):
         return rank // len(entry.rules.persons)
 
     def _shuffle(self, candidates: list[LobbyEntry[Member]], entry: LobbyEntry[Member]) -> list[LobbyEntry[Member]]:
-        """Return candidates in a random order drawn from the study's seed."""
+        """Return candidates in a random order, drawn from the study's seed for the entry that looks for partners."""
         by_index = sorted(candidates, key=lambda candidate: candidate.index)  # arrival must not change the draw
         purpose = f"pairing-{len(self._entries)}"
         order = draw_permutation(len(by_index), seed=self._seed, purpose=purpose, index=entry.index)

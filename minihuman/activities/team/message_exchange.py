@@ -43,7 +43,8 @@ class MessageExchange:
     def find_next(self, seat: int, received: Set[str], now_s: float) -> MessageShown | None:
         """Return the next visible message of another seat that a seat has not received; None if there is none.
 
-        Words stay available until they are received; a mark expires after `MARK_S`.
+        ``received`` has the digests of the messages that the seat has. Words stay available until they are received; a
+        mark expires after `MARK_S`.
         """
         for sent in self._sent.values():
             message = sent.message

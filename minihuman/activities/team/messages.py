@@ -133,6 +133,7 @@ class TeamMessages:
         """Send a mark of the cell in front of the participant's body, if the world knows the body's pose."""
         pose = play.world.pose()
         if pose is not None:
+            # z grows down the map, so a positive yaw turns towards smaller z
             cell_x = round(pose.x + math.cos(pose.yaw_rad))
             cell_z = round(pose.z - math.sin(pose.yaw_rad))
             self._send(play, "", (cell_x, cell_z))
@@ -147,7 +148,10 @@ class TeamMessages:
             self.context.emit(Noted(self.context.now_ns, "report", text))
 
     def _send(self, play: RunningEpisode, text: str, cell: tuple[float, ...]) -> bool:
-        """Send a message and return True, or return False if the last one was sent too recently."""
+        """Send a message and return True, or return False if the last one was sent too recently.
+
+        A message has words, or a cell (x, z) that is marked; the other is empty.
+        """
         now_ns = self.context.now_ns
         if self.sent and now_ns < self.sent[-1].t_ns + INTERVAL_NS:
             return False

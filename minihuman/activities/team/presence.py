@@ -44,14 +44,17 @@ class SeatPresence:
     waited_since_s: float | None = None  # when the wait for the person began; earlier silence does not count
 
     def find_page_sign_s(self) -> float:
-        """Return the time of the page's last sign of life, or the time at which the wait for it began."""
+        """Return the time of the page's last sign of life, or else the start of the wait for it; 0 for neither."""
         since_s = self.waited_since_s or 0.0
         if self.signs.page_s is None:
             return since_s
         return self.signs.page_s
 
     def find_person_sign_s(self) -> float:
-        """Return the time of the person's last sign of life, or the start of the wait for them if that is later."""
+        """Return the time of the person's last sign of life, or of the start of the wait for them if that is later.
+
+        It is 0 if there is neither.
+        """
         since_s = self.waited_since_s or 0.0
         if self.signs.person_s is None:
             return since_s
@@ -223,7 +226,10 @@ class TeamPresence:
         self._seats[seat].holder = "person"
 
     def hand_over(self, seats: Iterable[int], now_s: float = -math.inf) -> bool:
-        """Give seats to the stand-in; return False if the block ends instead."""
+        """Give seats to the stand-in at a time in seconds; return False if the block ends instead.
+
+        By default the time precedes all others, so that any act of the person counts as later.
+        """
         if self._rules.partner_leaves == "end":
             self.has_ended = True
             return False

@@ -33,7 +33,11 @@ def build_section(source: SectionSource) -> ReportSection | None:
 
 
 def _build_block_row(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
-    """Return a block's row of the table; None if its episodes have no steps in people's seats."""
+    """Return a block's row of the table; None if its episodes have no steps in people's seats.
+
+    ``episodes`` are the block's rows of the table "teams".
+    """
+    # each member's session has a row for the episode; keep one row per team
     team_episodes = episodes.drop_duplicates(["team", "session", "episode", "digest"])
     steps: Counter[str] = Counter()
     for kinds, played_by in zip(team_episodes["seats"], team_episodes["played_by"], strict=True):

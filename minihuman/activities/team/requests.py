@@ -41,7 +41,7 @@ class TeamRequest(TeamAnswerRequest):
 
 @dataclass(frozen=True, slots=True)
 class ReadyRequest(TeamAnswerRequest):
-    """A request to begin an episode for which this seat is ready."""
+    """A request to begin an episode, made when this seat is ready for it."""
 
     team: Team
     plan: EpisodePlan

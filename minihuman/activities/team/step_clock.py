@@ -1,4 +1,4 @@
-"""The time for which a step is open, and the delay of an input that has not come. Reads no clock."""
+"""How long a step is open, and the delay of an input that has not come. Reads no clock."""
 
 from typing import Literal
 
@@ -12,8 +12,8 @@ class StepClock:
     """The time since the first input of a step.
 
     Args:
-        late_ms: the longest time for which a tick waits for an input, in milliseconds.
-        thinking_wait_s: the longest time for which people wait for the input of a partner who is here, in seconds.
+        late_ms: how long a tick waits for an input at most, in milliseconds.
+        thinking_wait_s: how long people wait for the input of a partner who is here at most, in seconds.
     """
 
     def __init__(self, late_ms: float, thinking_wait_s: float) -> None:
@@ -26,7 +26,7 @@ class StepClock:
         self.opened_s = now_s
 
     def find_delay(self, now_s: float, due_s: float | None = None) -> Delay:
-        """Return whether an input that came now would be in time, late or overdue.
+        """Return whether the inputs that are missing now are still in time, late or overdue.
 
         Args:
             now_s: the present time in seconds.

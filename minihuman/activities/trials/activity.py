@@ -59,7 +59,7 @@ class TrialsActivity(PlayActivity):
 
     @property
     def history(self) -> tuple[object, ...]:
-        """Return ("without ready",) if a repeated trial begins without Enter and no screen shows this; () otherwise."""
+        """Return ("without ready",) if a repeated trial begins without Enter, which no screen shows; () otherwise."""
         ready = self.plan.trial.ready if self.plan.trial else "each"
         is_first = self.context.next_episode == self.plan.first
         is_ready_skipped = {"each": not self.shows_ready_screen, "first": self.has_begun and is_first, "none": False}
@@ -82,7 +82,7 @@ class TrialsActivity(PlayActivity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Handle an input; first process everything that was due before it."""
         match happened:
             case ScreenShown() if self.run is not None:
                 self._record_flip(self.run, happened)
@@ -109,12 +109,15 @@ class TrialsActivity(PlayActivity):
 
     @property
     def _first_cue(self) -> int:
-        """Return the number of the running trial's first sound, which no other sound of the segment has."""
+        """Return the number of the running trial's first sound, which no other sound of the segment has.
+
+        Sounds are numbered by part, then by trial within the part, then within the trial.
+        """
         return (self.number * CUE_TRIALS_PER_PART + self._n_runs) * CUES_PER_TRIAL
 
     @property
     def _feedback_cue(self) -> int:
-        """Return the number of the sound of the latest trial's feedback."""
+        """Return the number of the sound of the latest trial's feedback: the last of those reserved for a trial."""
         return self._first_cue + CUES_PER_TRIAL - 1
 
     @property

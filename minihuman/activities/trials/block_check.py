@@ -48,7 +48,7 @@ def _check_block(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]
 
 
 def _check_settings(timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
-    """Yield the errors of the timeline's fields beside its stimuli."""
+    """Yield the errors of the timeline's own fields, and an error if it has no stimulus other than feedback sounds."""
     names = [stimulus.name for stimulus in timeline.stimuli if not stimulus.feedback]
     if not names:
         yield "timeline.stimuli", "is empty; name what a trial shows"
@@ -82,7 +82,13 @@ def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str
 
 
 def _check_stimulus(stimulus: TimelineStimulus, path: str, earlier_names: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield the errors of a stimulus at a path such as "timeline.stimuli[0]"."""
+    """Yield the errors of a stimulus.
+
+    Args:
+        stimulus: the stimulus, as the protocol has it.
+        path: where it is, such as "timeline.stimuli[0]".
+        earlier_names: the names of the stimuli before it, other than feedback sounds.
+    """
     if not (stimulus.text or stimulus.shape or stimulus.image or stimulus.sound):
         yield path, "shows nothing; give it a text, shape, image or sound"
     if stimulus.sound:
@@ -92,7 +98,7 @@ def _check_stimulus(stimulus: TimelineStimulus, path: str, earlier_names: list[s
 
 
 def _check_reference(stimulus: TimelineStimulus, path: str, earlier_names: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield the errors of the fields that name the stimulus from which the onset counts."""
+    """Yield the errors of ``after`` and ``since``, which name the earlier stimulus from which the onset counts."""
     for field in ("after", "since"):
         name = getattr(stimulus, field)
         if name and name not in earlier_names:
@@ -116,7 +122,7 @@ def _check_times(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, s
 
 
 def _check_sound(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the errors of a stimulus that has a sound."""
+    """Yield the errors of a stimulus that has a sound, at a path such as "timeline.stimuli[0]"."""
     if stimulus.text or stimulus.shape or stimulus.image:
         yield f"{path}.sound", "stands beside what is shown; make it a stimulus of its own"
     if stimulus.each_ms is not None:

@@ -143,7 +143,11 @@ def _find_ring_points(centre: tuple[float, float], count: int, radius: float) ->
 def _draw_shape(
     draw: ImageDraw.ImageDraw, content: StimulusContent, centre: tuple[float, float], reach: float, ink: Any
 ) -> None:
-    """Draw a stimulus's shape; ``reach`` is half its size in pixels."""
+    """Draw a stimulus's shape around a centre in pixels; ``reach`` is half its size in pixels.
+
+    Raises:
+        WorldError: if the shape is unknown.
+    """
     x, y = centre
     box = (x - reach, y - reach, x + reach, y + reach)
     match content.shape:

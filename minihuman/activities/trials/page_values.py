@@ -11,7 +11,7 @@ _PICTURE_PX = (640, 480)
 
 
 def build_page_values(screen: TrialScreen, number: NumberPicture) -> dict[str, Any]:
-    """Return what a page needs to present a trial by itself: all pictures and sounds, their times, and the keys.
+    """Return what a page needs to present a trial by itself: all pictures and sounds, their times in ns, and the keys.
 
     Args:
         screen: the trial's screen.

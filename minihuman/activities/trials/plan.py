@@ -74,7 +74,10 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.target or names[-1]
 
     def describe(self, deadline_ms: float) -> Iterator[str]:
-        """Yield, for a methods section, what a trial shows and when, and when responses are taken."""
+        """Yield phrases, for a methods section, on what a trial shows and when, and when responses are taken.
+
+        ``deadline_ms`` is the time for a response after the target's onset in milliseconds; 0 for no deadline.
+        """
         presented = [stimulus for stimulus in self.stimuli if not stimulus.feedback]
         yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in presented)
         target = self.target_name

@@ -1,4 +1,4 @@
-"""What a log says of each trial with a time course: its schedule beside what was shown, heard and pressed."""
+"""What a log says of each trial with a time course: its schedule, and what was shown, heard and pressed."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field

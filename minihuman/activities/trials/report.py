@@ -108,14 +108,14 @@ def _name_level(label: str, level: str) -> str:
 
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
-    """Yield block, group, label and level, each with its rows of participants."""
+    """Yield block, group, label and level, each with the rows of ``people``, as `average_sessions` returns them."""
     for (block, group, label), label_rows in people.groupby(["block", "group", "label"], sort=False):
         for level, rows in label_rows.groupby("level", sort=True):
             yield str(block), str(group), str(label), str(level), rows
 
 
 def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
-    """Format a measure's mean and standard deviation over the participants who have it; "n/a" if nobody has."""
+    """Return a measure's mean and standard deviation over the participants who have it, as text; "n/a" if none has."""
     measured = rows[measure].dropna()
     if len(measured):
         return format_mean_sd(float(measured.mean()), float(measured.std()))
@@ -123,7 +123,7 @@ def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
-    """Build a table of the measures that any participant has, by block, group and level; no table without measures."""
+    """Return a table of the measures that any participant has, by block, group and level; [] without any measure."""
     present_measures = [measure for measure in measures if people[measure].notna().any()]
     if not present_measures:
         return []
@@ -139,7 +139,7 @@ def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> li
 
 
 def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of accuracy, response times and omissions by level; no table if nobody has any of them."""
+    """Return the table of accuracy, response times and omissions by level; [] if no participant has any of them."""
     caption = (
         "Trials by block, group and level of each label: mean (standard deviation) over the n participants. RT: from "
         "the onset of the stimulus to the key press, of correct responses alone. Median: of all of these. Mean: "
@@ -151,7 +151,7 @@ def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of signal detection by level; no table if no trial asks to withhold the response."""
+    """Return the table of signal detection by level; [] if no trial asks to withhold the response."""
     measured = people[people["d_prime"].notna()]
     caption = (
         "Signal detection, where to withhold the response is correct in some trials: hits, responses where one is "
@@ -165,7 +165,7 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the tables of stop-signal reaction times, of their comparison and of remarks; none without stop signals."""
+    """Return the tables of stop-signal reaction times, of their comparison and of remarks; [] without stop signals."""
     groups: dict[tuple[str, str], list[tuple[str, StopSignalEstimate]]] = {}
     for block, group, participant, estimate in estimate_people(trials):
         groups.setdefault((block, group), []).append((participant, estimate))
@@ -248,7 +248,10 @@ def _format_or_na(number: float, digits: int) -> str:
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Build tables of the within-participant differences between the levels of a label, such as a congruency effect."""
+    """Return the table of differences within participants between the levels of a label; [] if there are none.
+
+    A congruency effect is an example.
+    """
     rows = []
     for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
         for label, part in labels.groupby("label", sort=False):
@@ -274,6 +277,8 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Compute the differences of a measure between every two levels of every label, for each participant.
 
+    ``people`` is a table as `average_sessions` returns it.
+
     Returns:
         A row per participant and pair of levels, with the participant's group, the block, the label, the levels as
         text, and ``effect``: the measure at the first level minus that at the second.
@@ -292,7 +297,7 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Build tables that compare groups on all trials and on the differences between levels.
+    """Return the table that compares groups on all trials and on the differences between levels; [] for one group.
 
     The comparison of differences is the interaction of group and label.
     """
@@ -322,7 +327,7 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 def _format_group_comparisons(
     block: str, trials: str, rows: pd.DataFrame, measures: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    """Compare groups on measures, a row of the table for each comparison; no rows if there is only one group.
+    """Return a row of table cells for each comparison of two groups on a measure; none if there is only one group.
 
     Args:
         block: the block's name.
@@ -339,7 +344,10 @@ def _format_group_comparisons(
 
 
 def _format_comparison(comparison: GroupComparison | PairedComparison, count: str) -> tuple[str, ...]:
-    """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p."""
+    """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p.
+
+    ``count`` is the cell with the number of participants.
+    """
     return (
         MEASURES.get(comparison.measure, comparison.measure),
         format_pair(comparison.first, comparison.second),
@@ -351,7 +359,7 @@ def _format_comparison(comparison: GroupComparison | PairedComparison, count: st
 
 
 def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of measures in each quarter of a block; no table if nobody has any measure."""
+    """Return the table of measures in each quarter of a block; [] if no participant has any measure."""
     caption = (
         "Learning over trials: each quarter of a block, mean (standard deviation) over participants, measured as above."
     )
@@ -359,7 +367,7 @@ def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of quantiles of the correct response times, by block and by each level of each label."""
+    """Return the table of quantiles of the correct response times, by block and by each level of each label."""
     rows = []
     for block, part in trials.groupby("block", sort=False):
         levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}
@@ -378,7 +386,10 @@ def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[ReportFigure]:
-    """Draw, for each label of each block, every participant's measures at each level."""
+    """Draw and yield a figure for each label of each block: every participant's measures at each level.
+
+    A label with one level or without measures gets no figure.
+    """
     for (block, label), part in people[people["label"].ne("")].groupby(["block", "label"], sort=False):
         levels = sorted(part["level"].unique())
         measures = [name for name in COMPARED if part[name].notna().any()]
@@ -394,7 +405,7 @@ def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[Re
 
 
 def _collect_values(part: pd.DataFrame, measure: str, levels: Sequence[str]) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return each group's values as float64[participants, levels], without the groups that have none."""
+    """Return each group's name and its values, float64[participants, levels]; groups without a value are left out."""
     return [
         (
             str(group),

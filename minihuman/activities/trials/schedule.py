@@ -30,7 +30,7 @@ _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
 _TIME_DRAWS = {"onset_ms": 0, "duration_ms": 1, "each_ms": 1}  # which of a stimulus's random shares each field uses
 
 Cells = Mapping[str, Any]  # of a trial's row, by column
-DrawShare = Callable[[int], float]  # the random share, 0 to 1, for a place in the timeline
+DrawShare = Callable[[int], float]  # the random share, 0 to 1, of a number: two numbers per stimulus of the timeline
 
 
 class StimulusContent(msgspec.Struct, frozen=True):
@@ -137,7 +137,7 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
         timeline: the block's timeline.
         cells: the cells of the trial's row and its world options, by column.
         deadline_ms: how long after the target's onset responses are taken; 0 for no deadline.
-        draw: returns the random share for a place in the timeline.
+        draw: returns the random share, from 0 to 1, of a number; each stimulus has `DRAWS_PER_STIMULUS` numbers.
 
     Raises:
         WorldError: if a cell is missing, or is not a valid time or number; the message names the stimulus and its

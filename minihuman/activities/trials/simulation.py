@@ -20,7 +20,7 @@ class TrialSimulator(PartSimulator):
         self._answered_run: TrialRun | None = None  # the latest trial to which a response was scheduled
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Schedule the response to a trial once its target was shown; return False if no such trial runs."""
+        """Schedule the response to a trial once its target was shown; return False if no trial with a timeline runs."""
         if not isinstance(part, TrialsActivity) or part.run is None or part.running_trial is None:
             return False
         run = part.run

@@ -50,7 +50,7 @@ def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[TableRow]:
 
 
 def list_images(rows: Sequence[TableRow]) -> list[str]:
-    """List the image files that a table's rows name."""
+    """Return the image files that a table's rows name, each once, in the order of the rows."""
     return list(dict.fromkeys(str(row.cells[IMAGE]) for row in rows if row.cells.get(IMAGE)))
 
 
@@ -169,7 +169,7 @@ def _find_separator(text: str, name: str) -> str:
 
 
 def _read_header(header: Sequence[str], name: str, row: int) -> list[str]:
-    """Return the column names of a header without the empty cells that a spreadsheet leaves at the end.
+    """Return the column names of a header, which is row ``row``, without the empty cells that a spreadsheet appends.
 
     Raises:
         ProtocolError: if there is no column, or a column has no name or the name of another.

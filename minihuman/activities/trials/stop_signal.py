@@ -79,7 +79,7 @@ def estimate_stop_signal(
 
 
 def _find_obstacle(stop_trials: int, go_ms: float, failed_stop_ms: float) -> str:
-    """Return why no stop-signal reaction time may be estimated; "" if it may."""
+    """Return why no stop-signal reaction time may be estimated; "" if it may. The times are means in ms, or NaN."""
     if stop_trials < FEWEST_STOP_TRIALS:
         return f"fewer than {FEWEST_STOP_TRIALS} stop trials"
     if math.isnan(go_ms):
@@ -96,7 +96,7 @@ def _find_mean(numbers: NDArray[np.float64]) -> float:
 
 
 def read_stop_delays(trials: pd.DataFrame) -> "pd.Series[float]":
-    """Return the delay of the stop signal of each trial; NaN for a trial without one.
+    """Return the delay of the stop signal of each trial in milliseconds; NaN for a trial without one.
 
     A trial has a stop signal if its world has the option ``delay_ms`` and withholding the response is correct.
     """
@@ -105,7 +105,10 @@ def read_stop_delays(trials: pd.DataFrame) -> "pd.Series[float]":
 
 
 def estimate_people(trials: pd.DataFrame) -> Iterator[tuple[str, str, str, StopSignalEstimate]]:
-    """Yield block, group, participant and estimate for each participant of each block with stop signals."""
+    """Yield block, group, participant and estimate for each participant of each block with stop signals.
+
+    ``trials`` are rows of the table of trials.
+    """
     delays = read_stop_delays(trials)
     keys = [trials[name] for name in ("block", "group", "participant")]
     for (block, group, participant), part in trials.groupby(keys, sort=False):

@@ -16,7 +16,10 @@ PlacedSchedule = tuple[str, TrialSchedule]  # where the trial's cells come from,
 
 
 def find_closed_window(timeline: TimelineSpec, deadline_ms: float) -> str:
-    """Return why a block takes no responses, if its window for them ends before it opens; "" if it does not."""
+    """Return why a block takes no responses, if its window for them ends before it opens; "" if it does not.
+
+    ``deadline_ms`` is when the window ends, after the target's onset in milliseconds; 0 for no end.
+    """
     if not deadline_ms or timeline.opens_ms < deadline_ms:
         return ""
     return (

@@ -109,10 +109,11 @@ def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -
 
 
 def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
-    """Compute the measures of a participant's trials.
+    """Return the number of a participant's trials and their `MEASURES`, by name.
 
     Signal trials are those with a correct response; noise trials are those in which withholding a response is correct.
-    The measures of detection are NaN if there are no noise trials.
+    The measures of detection are NaN if there are no noise trials. ``trials`` needs a column ``is_trimmed``, which is
+    the mask of `mark_trimmed`.
     """
     scored = trials[trials["correct"].notna() & trials["correct"].ne("") & trials["is_correct"].notna()]
     is_correct = scored["is_correct"].astype(bool)
@@ -154,9 +155,13 @@ def average_sessions(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
-    """Compute the measures of each participant in each quarter of each block; ``level`` is 1 to 4."""
+    """Return the measures of each participant in each quarter of each block, as `measure_conditions` has them.
+
+    ``label`` is "quarter" and ``level`` is "1" to "4"; a block is as long as its highest trial number.
+    """
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
     block_length = trials.groupby("block")["trial"].transform("max")
+    # trials count from 1, so that a block's last trial is in quarter 4
     quarters = pd.Series(np.ceil(4 * trials["trial"] / block_length), trials.index).astype(int).astype(str)
     rows = list(_measure_level(trials, "quarter", quarters))
     return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])

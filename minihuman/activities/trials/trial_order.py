@@ -115,7 +115,7 @@ def _break_runs(
         if not too_long:
             return
         first = too_long[next(words) % len(too_long)]
-        table_begin = first - first % n_rows
+        table_begin = first - first % n_rows  # of the pass through the table in which the trial lies
         table_end = min(table_begin + n_rows, len(order))
         second = table_begin + next(words) % (table_end - table_begin)
         affected = runs.find_near(first) | runs.find_near(second)
@@ -147,11 +147,11 @@ class _Runs:
         return set(range(position, min(position + self._reach + 1, len(self._order))))
 
     def list_too_long(self, positions: Sequence[int] | set[int]) -> list[int]:
-        """Return those of the positions whose trial makes a run longer than allowed, in order."""
+        """Return, in order, those of the positions up to which a run of equal levels is longer than allowed."""
         return [position for position in sorted(positions) if self._is_too_long(position)]
 
     def _is_too_long(self, position: int) -> bool:
-        """Return whether a trial has the level of all trials before it that an allowed run can have, in any column."""
+        """Return whether the run of equal levels that reaches up to a position is too long, in any column."""
         return any(
             position >= longest and len({column[row] for row in self._order[position - longest : position + 1]}) == 1
             for column, longest in self._limits

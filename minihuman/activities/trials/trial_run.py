@@ -31,7 +31,7 @@ class TrialRun:
 
     A sound has to be handed over before it is due. One that is due at the first picture or soon after it counts from
     the time at which that picture is due; any other counts from the picture's flip. Without a rhythm, the first picture
-    of a trial with such an early sound is due a fixed time after an empty one.
+    of a trial with an early sound of this kind is due a fixed time after an empty one.
 
     Args:
         schedule: the trial's schedule.

@@ -53,7 +53,9 @@ class RemoteCodeError(WorldCodeError):
 
 
 class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
-    """A context manager that turns the exceptions of a foreign world's code into a WorldCodeError; our own errors pass.
+    """A context manager that turns exceptions of a foreign world's code into a WorldCodeError.
+
+    A `MinihumanError`, and a KeyboardInterrupt from Ctrl-C, pass unchanged.
 
     Args:
         world_id: the world's id

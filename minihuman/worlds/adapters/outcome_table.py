@@ -22,7 +22,14 @@ _GYMNASIUM = "https://gymnasium.farama.org/environments"
 
 
 def _entries(path: str, rule: str, reason: str, *ids: str) -> dict[str, TableEntry]:
-    """Return one entry under each of several ids, whose source is a page of Gymnasium's documentation."""
+    """Return the same entry under each of several ids.
+
+    Args:
+        path: the page of Gymnasium's documentation that is the source, below its environments.
+        rule: the outcome rule.
+        reason: what the page says.
+        ids: the ids of the environments.
+    """
     return dict.fromkeys(ids, TableEntry(rule, reason, f"{_GYMNASIUM}/{path}/"))
 
 

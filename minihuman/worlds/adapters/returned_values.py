@@ -119,7 +119,8 @@ def read_flag(flag: Any, name: str) -> bool:
     """Return a flag as a bool; None counts as False.
 
     Raises:
-        WorldError: if the value is ambiguous.
+        WorldError: if the value is not a flag, 0 or 1, or an array with one of these; ``name`` is its name in the
+            message.
     """
     if isinstance(flag, np.ndarray) and flag.size == 1 and flag.dtype.kind in "biu":
         flag = flag.item()

@@ -57,7 +57,10 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode from a seed, or without one from a seed that the environment draws."""
+        """Begin an episode from a seed, or without one from a seed that the environment draws.
+
+        Return this body's observation and an empty info.
+        """
         super().reset(seed=seed)
         self.team.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         self.joint = None
@@ -67,7 +70,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.observation(self.seat), {}
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Make a joint step in which this body takes ``action``."""
+        """Make a joint step in which this body takes ``action``, and return Gymnasium's five values for this body."""
         reward, terminated, truncated, info = self._step_team(action)
         return self.team.observation(self.seat), reward, terminated, truncated, info
 
@@ -130,7 +133,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the picture for the person in this body, in the given view if the world supports it."""
+        """Return the picture for the person in this body, uint8[H, W, 3], in the view if the world supports it."""
         if hasattr(self.team, "view"):
             self.team.view = view
         return self.team.frame(self.seat, *size_px, palette=palette)

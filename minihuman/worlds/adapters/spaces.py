@@ -159,6 +159,8 @@ class VectorActions:
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
         """Return the number and vector of the action of several pressed keys, of which the latest comes last.
 
+        The moves of a component add up if its opposite directions cancel; otherwise the latest key's value counts.
+
         Raises:
             WorldError: if a number is not that of rest or of an element.
         """
@@ -166,7 +168,7 @@ class VectorActions:
         for number in numbers:
             if number not in self.numbers:
                 raise WorldError(f"action {number!r} is not in {self._space}; use one of {', '.join(self.names[:-1])}")
-            if number:
+            if number:  # 0 is rest
                 element = self._elements[number - 1]
                 if self._adds[element.component]:
                     base = self.rest[element.component]
@@ -272,7 +274,7 @@ def _read_leaf(
     Args:
         leaf: the space
         start: the number of its first component
-        most_axes: the number of axes, from the first, for which a Box has elements
+        most_axes: how many axes of a Box have elements at most, from the first
 
     Raises:
         WorldError: if the leaf is of a kind that keys cannot move.
@@ -360,7 +362,13 @@ def _axis_elements(
 
 
 def _choice_elements(counts: NDArray[Any], first_choices: NDArray[np.float64], start: int) -> Iterator[ActionElement]:
-    """Yield an element for each choice but the first, which is rest, of components numbered from ``start``."""
+    """Yield an element for each choice but the first, which is rest, of consecutive components.
+
+    Args:
+        counts: the number of choices of each component.
+        first_choices: the number of the first choice of each component.
+        start: the number of the first component.
+    """
     for index, count in enumerate(counts.tolist()):
         component = start + index
         for choice in range(1, count):
@@ -420,7 +428,10 @@ def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterfac
 
 
 def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
-    """Return the names that the environment gives its actions, in order; their numbers if it names none."""
+    """Return the names that the environment gives its ``count`` actions, in order; their numbers if it names none.
+
+    ``first`` is the space's number of the first action.
+    """
     names = getattr(env, "action_names", None)
     if names is not None:
         return tuple(str(name) for name in names)[:count]

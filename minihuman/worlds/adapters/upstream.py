@@ -60,7 +60,10 @@ class _Adapter(NativeWorld):
 
 
 class MinigridAdapter(_Adapter):
-    """A Minigrid-like environment; its hash covers cells, box contents, pose, carried object, mission and steps."""
+    """A Minigrid-like environment.
+
+    Its hash covers cells, box contents, pose, carried object, mission, random stream and steps.
+    """
 
     def pose(self) -> Pose:
         """Return the agent's pose: column, 0, row and heading."""
@@ -112,7 +115,10 @@ class MinigridAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own picture, which has only the classic palette."""
+        """Return the environment's own picture, uint8[H, W, 3], with the largest tiles that fit into ``size_px``.
+
+        It has only the classic palette.
+        """
         env = self._env
         if view == "partial":
             columns, rows = env.agent_view_size, env.agent_view_size
@@ -138,7 +144,10 @@ def is_miniworld_like(env: Any) -> bool:
 
 
 class MiniworldAdapter(_Adapter):
-    """A Miniworld-like environment; its hash covers agent, entities, walls, carried object and steps."""
+    """A Miniworld-like environment.
+
+    Its hash covers the entities, the agent among them, walls, the carried object, the random stream and steps.
+    """
 
     def pose(self) -> Pose:
         """Return the agent's position and direction, exactly as the environment has them."""
@@ -177,7 +186,7 @@ class MiniworldAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Return the environment's own picture, in the size and palette with which it was made."""
+        """Return the environment's own picture, uint8[H, W, 3], in the size and palette with which it was made."""
         if view == "partial":
             draw = self._env.render_obs
         else:

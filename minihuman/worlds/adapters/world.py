@@ -103,7 +103,7 @@ class World:
 
     @property
     def observation(self) -> Any:
-        """Return the latest observation."""
+        """Return the observation of the latest reset or step; `advance` leaves it as it is."""
         return self._observation
 
     @property
@@ -190,7 +190,7 @@ class World:
         return observation, reward, terminated, truncated, read_onset(info), info
 
     def _call(self, name: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Call a function that runs the world's code.
+        """Call a function that runs the world's code; ``name`` is what error messages call it.
 
         Errors of a foreign world are raised as WorldError with the world's id. Errors of a built-in world are bugs and
         pass unchanged.
@@ -240,7 +240,10 @@ class World:
         return pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet.
+
+        The result is () for a world without such clauses.
+        """
         if isinstance(self._native, NativeWorld):
             return self._call("subgoals()", self._native.subgoals)
         return ()

@@ -101,6 +101,7 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     y = rows - 1
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
         yield f"You carry a {_name_cell(image[x, y])}"
+    # the kinds of the cells in each direction, from the agent outwards
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
     for direction, cells in sight.items():
         blocked = np.flatnonzero(cells > _EMPTY)

@@ -73,14 +73,14 @@ class WrapperState:
         return changes
 
     def save(self) -> list[dict[str, Any]]:
-        """Return copies of all attributes that can change."""
+        """Return, for each wrapper, copies of its attributes that can change, by name."""
         return [
             {name: copy.deepcopy(value) for name, value in _attributes(wrapper) if _digest(value) is not None}
             for wrapper in self._wrappers
         ]
 
     def restore(self, saved: list[dict[str, Any]]) -> None:
-        """Restore saved attributes, which can be restored again."""
+        """Restore the attributes that `save` returned; they can be restored again."""
         for wrapper, attributes in zip(self._wrappers, saved, strict=True):
             for name, value in list(_attributes(wrapper)):
                 if name not in attributes and _digest(value) is not None:

@@ -74,6 +74,7 @@ def build_rooms(state: State) -> tuple[SceneRoom, ...]:
         _level_surface(outline, 0.0, "floor_tiles_bw_1"),
         _level_surface(outline[::-1], WALL_HEIGHT_M, "concrete_tiles_1"),
     ]
+    # each wall has a surface where it borders on a free cell, drawn in the direction that makes it visible from there
     for z in range(height + 1):
         above = _wall_row(wall, z - 1)
         below = _wall_row(wall, z)
@@ -98,7 +99,15 @@ def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = (
 def build_carried(
     code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[ObjectKind] = ()
 ) -> list[PlacedLook]:
-    """Return the look of the object in the agent's hand, placed low in the picture; [] for one without a look."""
+    """Return the look of the object in the agent's hand, placed low in the picture; [] for one without a look.
+
+    Args:
+        code: the object's code in the grid's state.
+        eye: x, y and z of the agent's eye in metres.
+        yaw_rad: the direction of view.
+        palette: the palette of the object's colour.
+        kinds: the world's own object kinds.
+    """
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
     size_m = _CARRIED_SIZE_M
@@ -117,7 +126,10 @@ def build_carried(
 def _look_of_own_kind(
     kind: ObjectKind, code: int, place: Place, palette: Palette, *, height_m: float | None = None
 ) -> list[PlacedLook]:
-    """Return the look of a custom object kind in its own size, or scaled to a height if it is carried."""
+    """Return the look of a custom object kind at a place; [] if the kind has no look from inside.
+
+    The look has its own size, or is scaled to ``height_m``, the height of a carried object in metres.
+    """
     is_open = kind.opens and cells.state_of(code) == cells.OPEN
     match kind.inside_open if is_open else kind.inside:
         case BlockShape((along, up, deep)):
@@ -155,6 +167,7 @@ def _build_cell(
 def _build_door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
     """Return the parts of a door: a leaf, turned aside if it is open, with a knob if closed and a bar if locked."""
     colour = _rgb(code, palette)
+    # a closed leaf spans the gap in its wall: along x beside a wall cell, otherwise along z
     if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL:
         yaw = 0.0
     else:
@@ -166,10 +179,12 @@ def _build_door(state: State, code: int, x: int, z: int, palette: Palette) -> li
             right, down = (-aside, 0.0) if yaw == 0.0 else (0.0, -aside)
             return [PlacedLook(leaf, (x + right, 0.0, z + down, yaw + np.pi / 2))]
         case cells.LOCKED:
+            # a dark bar across the door, thicker than the leaf, below half its height
             bar = BoxLook((1.0, 0.12, 1.6 * _DOOR_M), (0.12, 0.12, 0.12))
             return [PlacedLook(leaf, (x, 0.0, z, yaw)), PlacedLook(bar, (x, 0.45 * WALL_HEIGHT_M, z, yaw))]
         case _:
             along, down = (_KNOB_M, 0.0) if yaw == 0.0 else (0.0, _KNOB_M)
+            # a dark knob that stands out on both sides of the leaf
             knob = BoxLook((0.08, 0.08, 3 * _DOOR_M), (0.12, 0.12, 0.12))
             return [
                 PlacedLook(leaf, (x, 0.0, z, yaw)),
@@ -190,7 +205,7 @@ def _wall_row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
 
 
 def _find_runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return the start and end of each unbroken run of marked cells."""
+    """Return the start and end of each unbroken run of marked cells; cell i reaches from i - 0.5 to i + 0.5."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
     return [(start - 0.5, end - 0.5) for start, end in edges.reshape(-1, 2).tolist()]
 
@@ -323,7 +338,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
 
 class _SceneRenderer:
-    """A cache of the last picture's scene, which is reused as far as nothing has changed."""
+    """A cache of the last picture's scene, of which the parts that have not changed are used again."""
 
     def __init__(self, kinds: tuple[ObjectKind, ...]) -> None:
         self._kinds = kinds

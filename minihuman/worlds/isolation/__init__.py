@@ -1,1 +1,1 @@
-"""Foreign worlds in processes of their own, so that a failure does not affect the session's process."""
+"""Foreign worlds in separate processes, so that a failure does not affect the session's process."""

@@ -1,4 +1,4 @@
-"""A world in a process of its own with the interface of `World`, and the factory that decides which worlds need it.
+"""A world in a separate process with the interface of `World`, and the factory that decides which worlds need it.
 
 Worlds of the catalogue run in the session's process. So do other worlds whose steps a page can compute, since only our
 compiled kernels step and draw them, and worlds of several bodies, whose seats share one state.
@@ -90,7 +90,7 @@ class RemoteStepResult(StepResult):
 
 
 class IsolatedWorld(World):
-    """A world in a process of its own, which must be reset before any other use.
+    """A world in a separate process, which must be reset before any other use.
 
     Copies of its state can be restored in this world only. If the world fails, takes too long or ends its process, that
     call and all later ones raise `WorldError`.
@@ -177,7 +177,7 @@ class IsolatedWorld(World):
 
     @property
     def can_isolate(self) -> bool:
-        """Return whether the world may stay in a process of its own; the module says which worlds may not."""
+        """Return whether the world may stay in a separate process; a compiled world or a seat of a team may not."""
         return self._description.can_isolate
 
     @property
@@ -364,7 +364,7 @@ def _build_actions(description: messages.Description) -> ActionInterface:
 
 
 class IsolatedWorlds:
-    """A factory that makes foreign worlds in processes of their own, and all others in the session's process.
+    """A factory that makes foreign worlds in separate processes, and all others in the session's process.
 
     Args:
         make_world: a function that makes a world in the session's process
@@ -393,7 +393,7 @@ class IsolatedWorlds:
         return self._make_world(world_id, options)
 
     def isolates(self, world_id: str) -> bool:
-        """Return whether a world will run in a process of its own, judged before the world is made."""
+        """Return whether a world will run in a separate process, judged before the world is made."""
         return world_id not in self._stays and not is_from_catalogue(world_id)
 
     def close(self) -> None:
@@ -403,7 +403,7 @@ class IsolatedWorlds:
 
 @contextmanager
 def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
-    """Yield the factory of a session's worlds; if ``isolates``, foreign worlds run in processes of their own."""
+    """Yield the factory of a session's worlds; if ``isolates``, foreign worlds run in separate processes."""
     if not isolates:
         yield World
         return

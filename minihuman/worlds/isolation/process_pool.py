@@ -137,7 +137,7 @@ class WorldProcess:
     def reserve_memory(self, size_bytes: int) -> None:
         """Replace the memory that is shared with the process by one of another size."""
         self._release_memory()
-        self.memory = SharedMemory(None, True, size_bytes)
+        self.memory = SharedMemory(None, True, size_bytes)  # new memory, whose name the system chooses
 
     def _release_memory(self) -> None:
         if self.memory is not None:

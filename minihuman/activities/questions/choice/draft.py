@@ -29,7 +29,7 @@ class ChoiceDraft(AnswerDraft):
         self._cursor = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Move the cursor with up and down, or select with a digit or the space bar."""
+        """Move the cursor with up and down, or select with a digit or the space bar; return False for any other key."""
         digit = parse_digit(press.key)
         if 1 <= digit <= len(self.question.options):
             self._choose(digit - 1)
@@ -54,7 +54,7 @@ class ChoiceDraft(AnswerDraft):
         self._cursor = (self._cursor + step) % len(self.question.options)
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Select the option under the pointer when it is pressed."""
+        """Select the option that ``target`` names when the pointer is pressed on it; ``along`` is not used."""
         option = parse_option(target)
         if down and option is not None and option < len(self.question.options):
             self._choose(option)
@@ -86,7 +86,15 @@ class ChoiceDraft(AnswerDraft):
         return OptionList(self.question.options, tuple(sorted(self._chosen)), self._cursor, self.many)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Click on the right option if the participant attends and one is right, otherwise on a random option."""
+        """Click on the right option if the participant attends and one is right, otherwise on a random option.
+
+        Args:
+            choose: returns a random index below its argument.
+            attends: returns whether the participant attends to the question.
+
+        Returns:
+            The click; None if an option is selected already.
+        """
         if self._chosen:
             return None
         option = None

@@ -16,7 +16,7 @@ from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
 
 ADULT_AGE = 18  # the least number that a simulated participant types, as most questions ask for an age
-N_SIMULATED_AGES = 50  # how many numbers from there on
+N_SIMULATED_AGES = 50  # a simulated participant types one of so many numbers, from `ADULT_AGE` on
 
 
 class TextDraft(AnswerDraft):
@@ -62,7 +62,7 @@ class TextDraft(AnswerDraft):
         self._put(self._text[: self._caret] + "".join(accepted[:n_free]), self._text[self._caret :])
 
     def put_text(self, text: str) -> bool:
-        """Replace the whole text; return False if the session edits it by keys."""
+        """Replace the whole text and return True; return False if the session edits the text by keys."""
         if not self.has_native_field:
             return False
         self._put(text, "")
@@ -100,7 +100,7 @@ class TextDraft(AnswerDraft):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Return the note that the answer is missing or too long; None if it is valid."""
+        """Return the note that the answer is missing or too long, as a text's key and its fields; None if valid."""
         if self.has_native_field and len(self._text) > self.longest:
             return "note.too_long", {"longest": self.longest}
         return super().error
@@ -114,7 +114,7 @@ class TextDraft(AnswerDraft):
         return replace(field, native=True, name=self.question.name, longest=self.longest, limit_note=note)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """Type a number that could be an adult's age, as an answer to any question."""
+        """Return a number that could be an adult's age, as text to type for any question; None once a text is there."""
         if self._text:
             return None
         return str(ADULT_AGE + choose(N_SIMULATED_AGES))

@@ -44,7 +44,7 @@ class LikertDraft(AnswerDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Select the point under the pointer when it is pressed."""
+        """Select the point that ``target`` names when the pointer is pressed on it; ``along`` is not used."""
         point = parse_option(target)
         if down and point is not None and point < self._n_points:
             self._chosen = point
@@ -58,7 +58,7 @@ class LikertDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """Return the label of the selected point, or its number."""
+        """Return the label of the selected point, or its number without labels; "" if none is selected."""
         if self._chosen is None:
             return ""
         return self._labels[self._chosen]
@@ -73,7 +73,7 @@ class LikertDraft(AnswerDraft):
         return RatingScale(self._labels, self.question.low, self.question.high, self._chosen)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Click on a random point."""
+        """Return a click on a random point; None once a point is selected."""
         if self._chosen is None:
             return Click(f"option:{choose(self._n_points)}")
         return None
@@ -88,7 +88,10 @@ class MatrixDraft(LikertDraft):
         self._row = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Change the row with up and down, or select a point; a digit also moves to the next row."""
+        """Change the row with up and down, or select a point of the present row; return False for any other key.
+
+        A digit also moves to the next row.
+        """
         row_step = {"up": -1, "down": 1}.get(press.key, 0)
         if row_step == 0:
             self._chosen = self._rows[self._row]
@@ -101,7 +104,7 @@ class MatrixDraft(LikertDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Select the point under the pointer; points are numbered row by row."""
+        """Select the point that ``target`` names when the pointer is pressed on it; points are numbered row by row."""
         number = parse_option(target)
         if down and number is not None and number < len(self._rows) * self._n_points:
             self._row, point = divmod(number, self._n_points)
@@ -115,7 +118,7 @@ class MatrixDraft(LikertDraft):
 
     @property
     def display_text(self) -> str:
-        """Return the labels or numbers of the selected points of all rows."""
+        """Return the labels or numbers of the rows' selected points, with commas between, and "" for a row without."""
         return ", ".join(map(self._find_label, self._rows))
 
     def _find_label(self, point: int | None) -> str:
@@ -126,7 +129,7 @@ class MatrixDraft(LikertDraft):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """Return the name, code and label to log for each statement."""
+        """Return the name, code and label to log for each statement; without a point, code None and label ""."""
         codes = self.question.all_codes
         return tuple(
             (name, None if point is None else codes[point], self._find_label(point))
@@ -140,7 +143,7 @@ class MatrixDraft(LikertDraft):
         return RatingMatrix(rows, self._labels, question.low, question.high, tuple(self._rows), self._row)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Click on a random point in the first row that has none."""
+        """Return a click on a random point in the first row that has none; None once every row has one."""
         if None not in self._rows:
             return None
         return Click(f"option:{self._rows.index(None) * self._n_points + choose(self._n_points)}")

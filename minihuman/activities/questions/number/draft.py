@@ -11,8 +11,9 @@ from minihuman.activities.questions.question import AnswerValue, QuestionKind, c
 
 NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was recorded under the first rules
 _DECIMAL_MARKS = {"en": ".", "ja": ".", "zh": ".", "de": ",", "es": ",", "fr": ","}
+# characters that stand for an ASCII mark
 _SAME = str.maketrans("\N{MINUS SIGN}\N{FULLWIDTH HYPHEN-MINUS}\N{FULLWIDTH FULL STOP}\N{FULLWIDTH COMMA}", "--.,")
-_NUMBER = re.compile(r"-?(\d+(?:[.,]\d+)*|[.,]\d+)[.,]?")
+_NUMBER = re.compile(r"-?(\d+(?:[.,]\d+)*|[.,]\d+)[.,]?")  # digits with marks between, before or after them
 _GROUPED = re.compile(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+")  # as thousands are, whatever the marks mean
 
 
@@ -53,6 +54,10 @@ def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
     """Parse a number with two or more marks; return None if they are not placed as in a number.
 
     Equal marks all separate thousands. Otherwise the last is the decimal mark, and all others separate thousands.
+
+    Args:
+        plain: the text, with ASCII digits and marks.
+        marks: each point and comma of the text, in order.
     """
     last_mark = marks[-1]
     if len(set(marks)) == 1:
@@ -66,7 +71,14 @@ def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
 
 
 def _parse_ambiguous(plain: str, mark: str, decimal_mark: str | None, *, is_whole: bool) -> float | None:
-    """Parse a number whose only mark precedes exactly three digits; return None if it could mean two numbers."""
+    """Parse a number whose only mark precedes exactly three digits; return None if it could mean two numbers.
+
+    Args:
+        plain: the text, with ASCII digits and marks.
+        mark: its mark, a point or comma.
+        decimal_mark: the decimal mark of the participant's language; None if it is unknown.
+        is_whole: whether the number must be whole.
+    """
     if decimal_mark is None:
         return None
     if mark != decimal_mark:
@@ -88,7 +100,7 @@ class NumberDraft(TextDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """Return the number; None if the text is empty or not a valid number."""
+        """Return the number, as an integer if the question asks for a whole one; None if the text is not valid."""
         number = self._parse_text(self.display_text)
         if number is None or not math.isfinite(number):  # more digits than a number holds
             return None
@@ -109,7 +121,10 @@ class NumberDraft(TextDraft):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """Return the note that the answer is missing, not a number, or out of range; None if it is valid."""
+        """Return the note that the answer is missing, not a number or out of range; None if it is valid.
+
+        The note is a text's key and its fields.
+        """
         question = self.question
         number = self.value
         if not self.display_text.strip():
@@ -125,7 +140,10 @@ class NumberDraft(TextDraft):
         return None
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """Type a random number within the range, from 18 up where the range allows it."""
+        """Return a random number within the range, as text to type, from 18 up if the range allows it.
+
+        None means that a number is there already.
+        """
         if self.display_text:
             return None
         low = math.ceil(self.question.minimum)

@@ -54,7 +54,7 @@ class SliderDraft(AnswerDraft):
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
-        """Move the thumb to the pointer."""
+        """Move the thumb to the pointer, which is at the share ``along`` of the line, from 0 at the minimum to 1."""
         if target == "slider":
             self._step = min(self.n_steps, max(0, math.floor(along * self.n_steps + 0.5)))
 
@@ -78,7 +78,7 @@ class SliderDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """Return the number at the thumb as text."""
+        """Return the number at the thumb as text; "" before the line is touched."""
         if self.value is None:
             return ""
         return f"{self.value:g}"
@@ -90,7 +90,7 @@ class SliderDraft(AnswerDraft):
         return Slider(self.question.low, self.question.high, position, text, min(self.n_steps, _MOST_TICKS))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Click on one of evenly spaced positions of the line, at random."""
+        """Return a click on one of evenly spaced positions of the line, drawn at random; None once it has a thumb."""
         if self._step is None:
             return Click("slider", choose(_N_SIMULATED_POSITIONS) / (_N_SIMULATED_POSITIONS - 1))
         return None
