@@ -357,7 +357,7 @@ class PygameWindow(BlockingWindow):
             pygame.event.post(pygame.event.Event(event_type, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
-        """Return facts for the log: toolkit, version, size, vsync and refresh rate, and how keys are timed and named."""
+        """Return facts for the log: toolkit, version, size, vsync, refresh rate, and how keys are timed and named."""
         width, height = self.size_px
         sdl_version = ".".join(map(str, pygame.get_sdl_version()))
         return {

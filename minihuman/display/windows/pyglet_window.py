@@ -186,7 +186,7 @@ class PygletWindow(BlockingWindow):
             pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:
-        """Return facts for the log: toolkit, version, size, vsync and refresh rate, and how keys are timed and named."""
+        """Return facts for the log: toolkit, version, size, vsync, refresh rate, and how keys are timed and named."""
         import pyglet
 
         from minihuman.display.windows.pyglet_native import ON_X11

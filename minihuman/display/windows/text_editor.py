@@ -112,7 +112,7 @@ class TextEditor:
         return True
 
     def _move_step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
-        """Move the caret by a letter or a word; without Shift, move it from a selection to that end of the selection."""
+        """Move the caret by a letter or a word; without Shift, move it from a selection to that end of it."""
         begin, end = self.edited.selection
         if begin != end and not is_shift:
             self.move_to(end if is_onward else begin)
@@ -149,7 +149,7 @@ class TextEditor:
         return len(self.text) if end < 0 else end
 
     def move_to(self, position: int, *, is_shift: bool = False) -> None:
-        """Move the caret to a position; with ``is_shift``, the selection's anchor stays, or else nothing is selected."""
+        """Move the caret to a position; with ``is_shift``, the selection's anchor stays, else nothing is selected."""
         self._is_typing = False
         anchor = self.edited.anchor if is_shift else position
         self.edited = replace(self.edited, caret=position, anchor=anchor)

@@ -120,7 +120,7 @@ def _aim(things: F64, numbers: NDArray[np.float64], facts: NDArray[np.float64], 
     """Copy the agent's pose and the step's reward into a world's own numbers ``facts``, and aim its view.
 
     Of the view, numbers 0 to 2 are the eye's position; 3 to 5, 6 to 8 and 9 to 11 are unit vectors to the right, up and
-    ahead. Numbers 7 and 10, the heights of "up" and "ahead", are the cosine and sine of the pitch, and stay as they are.
+    ahead. Numbers 7 and 10, the heights of "up" and "ahead", are the cosine and sine of the pitch, and do not change.
     """
     agent = int(numbers[AGENT])
     for column in range(HEADING + 1):

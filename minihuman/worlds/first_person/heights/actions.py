@@ -1,6 +1,6 @@
 """The effects of the eight actions in a building: as in flat rooms, but for what heights change.
 
-A move happens completely or not at all. Who lets go of a thing drops it to the floor below.
+A move happens completely or not at all. A thing that the agent puts down lies on the floor below it.
 """
 
 import math
