@@ -275,7 +275,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return self.worlds
 
     def is_readable(self, name: str) -> bool:
-        """Return whether `get_attr` can read an attribute: a listed one, or one that a world's build() sets."""
+        """Return whether `get_attr` can read an attribute: one in ``readable``, or one of a world's state."""
         return name in self.readable or name in self.worlds[0].own_attributes()
 
     def worlds_in_turn(self) -> Iterator[FirstPersonEnv]:

@@ -342,7 +342,7 @@ def step_freely(
     numbers[STEPS] += 1.0
     draw_motion(numbers, rng_state)
     agent = int(numbers[AGENT])
-    heading = things[agent, DIR]
+    heading = things[agent, DIR]  # of which ``wave`` returns the cosine with 1, and the sine with 0
     after = heading + command[COMMAND_TURN] * (numbers[TURN_DEG] * RADIANS)
     status = move_freely(
         things, numbers, walls, command, wave(heading, 1), wave(heading, 0), wave(after, 1), wave(after, 0)

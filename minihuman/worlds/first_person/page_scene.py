@@ -148,7 +148,11 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
 
 
 def _unpack_faces(floats: F64, wholes: I32) -> FaceTable:
-    """Return the face table that was packed into an array of floats and one of whole numbers."""
+    """Return the face table that was packed into an array of floats and one of whole numbers.
+
+    The whole numbers are the number of corners and that of faces, where the corners of each face begin and the last
+    ones end, and each face's texture.
+    """
     corners = int(wholes[0])
     faces = int(wholes[1])
     sizes = np.cumsum([3 * corners, 2 * corners, 3 * corners, 3 * faces, 4 * faces])
@@ -178,6 +182,7 @@ def _cut_faces(faces: FaceTable, first: int, last: int) -> FaceTable:
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
     """Return the pixels of a texture in its largest size, uint8[h, w, 3], with the first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
+    # ``extents`` has the width in its low 16 bits, and the height above them; a ring of one texel is around the pixels
     width = extents & 0xFFFF
     height = extents >> 16
     with_ring = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)

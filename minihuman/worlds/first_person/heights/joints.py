@@ -121,7 +121,7 @@ class OccludedFace(NamedTuple):
 
 
 def occluder_table(faces: Sequence[OccludedFace]) -> tuple[I32, F64]:
-    """Return the arrays ``first_occluder`` and ``occluder`` of a `RoomTable`; a face without segments gets a far one."""
+    """Return the arrays ``first_occluder`` and ``occluder`` of a `RoomTable`; a face without any gets a far segment."""
     rows = []
     starts = [0]
     for face in faces:

@@ -154,7 +154,7 @@ def _find_leg(stage: BuildingState, goal: Entity, n_moves: int, avoid: frozenset
     else:
         target = (*_choose_entry(route, n_route), _AT_ENTRY_M)
     load = agent.carrying
-    body = Body(
+    body = Body(  # which may step back only with a load: there may be no room to turn before
         stage.parameters.number("forward_step", None),
         math.radians(stage.parameters.number("turn_step", None)),
         float(agent.radius) + _MARGIN_M,

@@ -143,7 +143,7 @@ def _directions(picks: list[int]) -> list[tuple[int, int]]:
 
 
 def _rotate(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
-    """Return an outline rotated about the origin, clockwise as seen from above."""
+    """Return an outline rotated about the origin by an angle in degrees, counter-clockwise as seen from above."""
     half_rad = degrees * (math.pi / 180) / 2.0
     # by the half angle, as Miniworld computes a rotation matrix, so that corners have the same bits
     cosine_half = math.cos(half_rad)

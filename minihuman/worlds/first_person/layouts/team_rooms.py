@@ -78,6 +78,9 @@ class _SharedRooms(FourRooms):
         """Make one joint step in which bodies act one after another; return rewards by body, terminated and truncated.
 
         The body that acts first changes with every step.
+
+        Raises:
+            WorldError: if no episode is running.
         """
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
@@ -149,7 +152,7 @@ class TeamRooms(TeamWorld):
         )
 
     def _draw_from_body(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """Draw a picture while the agent is in a body's place."""
+        """Return the picture that ``draw`` draws while the agent is in a body's place."""
         self._env.enter(check_whole("body", body, 0, self.bodies - 1))
         picture = draw()
         self._env.enter(0)
