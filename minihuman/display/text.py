@@ -76,7 +76,7 @@ def split_tokens(paragraph: str) -> Iterator[str]:
 def _may_break(before: str, after: str) -> bool:
     """Return whether a line can be broken between two characters: after a blank, or if one is Chinese or Japanese.
 
-    It cannot be broken before closing punctuation or after opening punctuation.
+    Without a blank, it cannot be broken before closing punctuation or after opening punctuation.
     """
     if before.isspace():
         return not after.isspace()

@@ -328,7 +328,7 @@ class Keycap:
 def _lay_out_keyboard() -> dict[str, Keycap]:
     """Return the keycap of each key of an ISO keyboard, by the key's name."""
     caps: dict[str, Keycap] = {}
-    for number, (x, row) in enumerate(_ROWS):  # the keypad's rows are as high as the main rows, hence ``%`` below
+    for number, (x, row) in enumerate(_ROWS):  # the keypad's rows lie beside the main rows, hence ``%`` below
         for entry in row.split():
             key, _, width = entry.partition(":")
             if key != "_":

@@ -195,7 +195,7 @@ class PygameWindow(BlockingWindow):
         """Return the release of a key that was down when the window got the focus; [] if it is up already."""
         self._down_at_focus = [held_key for held_key in self._down_at_focus if held_key != key]
         if self._repeater.is_down(key):
-            return self._key(False, key, "", t_ns)
+            return self._key(False, key, "", t_ns)  # a release
         return []
 
     def _match_moves(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:

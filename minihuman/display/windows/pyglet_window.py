@@ -182,7 +182,7 @@ class PygletWindow(BlockingWindow):
         """Put a press and a release of a key into pyglet's queue; any thread can call this."""
         import pyglet
 
-        for down in (True, False):
+        for down in (True, False):  # without a symbol or a time of the server, and not as a shortcut
             pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:

@@ -390,7 +390,7 @@ class X11InputRecord(_Server):
         for keycode in range(_LEAST_KEYCODE, _KEYCODES):
             byte, bit = divmod(keycode, 8)
             if keys_down[byte] & (1 << bit):
-                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
+                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))  # True: it is down
 
     def _name_key(self, keycode: int) -> str:
         return key_from_xkb(self._positions.get(keycode, ""), keycode)

@@ -67,7 +67,7 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
         numbers = _floats_at(row[NUMBERS], row[NUMBERS + 1])
         numbers[STEPS] += 1.0
         walls = _floats_at(row[WALLS], row[WALLS + 1]).reshape(row[WALLS + 1] // 4, 4)
-        if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:
+        if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:  # the motion of the action is a turn; see `rules.NAMED`
             after = AFTER
         else:
             after = NOW

@@ -380,7 +380,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return reward, terminated, truncated
 
     def check(self, action: Any) -> int:
-        """Return an action's number, 0 if actions are continuous; raise a WorldError if it is invalid or too early."""
+        """Return an action's number, 0 for a continuous one; raise a WorldError for an invalid one or before reset."""
         if self._stage is None:
             raise self._not_reset()
         if self._continuous is not None:

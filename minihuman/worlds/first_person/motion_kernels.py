@@ -314,7 +314,7 @@ def move_freely(
         sine = sine_after
     ahead_m = ahead * numbers[AHEAD]
     right_m = right * numbers[AHEAD] + ahead * numbers[DRIFT]
-    dx = cosine * ahead_m - -sine * right_m
+    dx = cosine * ahead_m - -sine * right_m  # the heading is (cosine, -sine); the order of terms is that of `rules`
     dz = -sine * ahead_m + cosine * right_m
     has_slid = _slide(things, numbers, walls, dx, dz, cosine, -sine)
     return _get_changes(numbers, has_slid or (has_turned and turn != 0.0))
@@ -350,7 +350,7 @@ def step_freely(
     heading = things[agent, DIR]
     if action >= 0:
         draw_motion(numbers, rng_state)
-        motion = int(numbers[NAMED + action]) >> 3
+        motion = int(numbers[NAMED + action]) >> 3  # see `rules.NAMED`
         after = heading
         if motion <= TURN_RIGHT:
             angle = numbers[TURN_DEG] * RADIANS

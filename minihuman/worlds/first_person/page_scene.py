@@ -86,14 +86,14 @@ def describe(
     floor = env.stage.floor
     count = target.layout.thing_count
     pitch = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
-    shadows = len(entities) if count > len(entities) else 0
+    shadows = len(entities) if count > len(entities) else 0  # the number of the first shadow; 0 without shadows
     look = PageLook(entities, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
     things, numbers, rng_state = locate(env, look)
     outlines = [
         (room.outline.min_x, room.outline.max_x, room.outline.min_z, room.outline.max_z) for room in floor.rooms
     ]
     rooms = np.column_stack((floor.room_weights, outlines, floor.first_edge[:-1], floor.first_edge[1:]))
-    edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])
+    edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])  # the starts and the normals
     state = PageState(things, numbers, floor.walls, rng_state, rooms, edges, count)
     return state, cut_scene(target.layout, target.view.copy()), look
 

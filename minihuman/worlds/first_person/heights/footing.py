@@ -40,7 +40,7 @@ class Footing(NamedTuple):
 def room_below(plan: SectorPlan, x: float, z: float, height: float) -> int | None:
     """Return the number of the sector whose floor is the highest one at or below a point; None if there is none.
 
-    ``height`` is the y of the point. A floor has no holes: over a hole, the floor below it counts.
+    ``height`` is the y of the point. Over a hole in a floor, the floor below it counts.
     """
     best: int | None = None
     best_floor = -math.inf

@@ -40,6 +40,7 @@ class _SharedRooms(FourRooms):
         """Build the rooms, and place the agent and the figures."""
         super().build()
         self.inside = 0  # the body in whose place the agent is
+        # widths, heights and depths in metres
         self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
         self.faces = [Box("grey", (0.2, 0.3, 0.36)) for _ in self.colours]
         for body, (figure, face) in enumerate(zip(self.figures, self.faces, strict=True)):

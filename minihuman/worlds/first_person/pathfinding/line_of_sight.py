@@ -42,7 +42,7 @@ def mark_seen(
     in_view[:] = False
     new = 0
     for ray in range(rays):
-        yaw = eye[2] + math.atan(eye[3] * (2 * ray / (rays - 1) - 1))
+        yaw = eye[2] + math.atan(eye[3] * (2 * ray / (rays - 1) - 1))  # evenly spaced across the picture
         along_x = math.cos(yaw)
         along_z = -math.sin(yaw)
         far = _to_wall(walls, discs, eye[0], eye[1], along_x, along_z)

@@ -333,7 +333,7 @@ def search(
     ``distance`` comes from ``distance_map`` over cells of size ``cell``.
     """
     most = _MOST_STOPS
-    stops = Stops(
+    stops = Stops(  # in the order of its fields
         *(np.empty(most), np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)),
         *(np.empty(most, np.int8), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)),
     )
