@@ -222,7 +222,7 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 
 
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
-    """Give blanks and directional marks at the end of a line the direction of the whole text (rule L1)."""
+    """Return levels in which blanks and directional marks at a line's end have the text's level ``base`` (rule L1)."""
     trailing = _LINE_END.search(text)
     if trailing is None:
         return levels

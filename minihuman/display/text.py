@@ -180,7 +180,7 @@ def count_page_lines(*, picture: bool) -> int:
 
 
 def break_page_lines(text: str) -> list[str]:
-    """Break a page's text into lines at the reference size, independently of the typefaces that draw it."""
+    """Return the lines of a page's text, broken at the reference size, whatever the typefaces that draw it."""
     return _break_lines(text, measure_reference_px, PAGE_REFERENCE_PX * PAGE_COLUMN_WIDTH)
 
 

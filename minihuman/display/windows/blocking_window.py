@@ -109,7 +109,7 @@ class KeyRepeater:
         return self._repeating.due_ns
 
     def repeats(self, now_ns: int) -> list[KeyDown]:
-        """Return the repeat that is due, if any; a loop that is late gets one repeat instead of all that it missed."""
+        """Return the repeat that is due, [] if none is; a late loop gets one repeat instead of all that it missed."""
         repeating = self._repeating
         if repeating is None or now_ns < repeating.due_ns:
             return []

@@ -324,7 +324,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return concatenate(self.single_observation_space, list(chain.from_iterable(observations)), batch)
 
     def _infos(self) -> dict[str, Any]:
-        """Return the infos of all worlds, if their class defines any."""
+        """Return the infos of all worlds in Gymnasium's form; {} if their class defines none."""
         infos: dict[str, Any] = {}
         if type(self.worlds[0]).info is FirstPersonEnv.info:
             return infos

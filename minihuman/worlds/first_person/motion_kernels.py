@@ -61,7 +61,7 @@ _PART = 0.5  # the length of a part of a move, as a share of the body's radius
 
 @device_function()
 def _find_nearest_wall(walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float, float]:
-    """Return the distance from (x, z) to the nearest point of a wall, and that point (x, z)."""
+    """Return the distance from (x, z) to the nearest point of a wall, and that point; infinity if there is no wall."""
     nearest = math.inf
     near_x = x
     near_z = z
@@ -199,7 +199,7 @@ def _slide(
 
 @device_function()
 def _get_changes(numbers: Numbers, has_moved: bool) -> int:
-    """Return the status of a move: whether the agent changed, and whether what it carries moved with it."""
+    """Return the status of a move: MOVED if the agent has moved or turned, and LOAD if it carries something."""
     status = 0
     if has_moved:
         status |= MOVED

@@ -215,7 +215,7 @@ class WorldRenderer:
                 entity.measure(*asset_library(self.assets).mesh_extents(entity.mesh))
 
     def observation(self, stage: WorldState, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw the agent's view in the size of an observation, into ``out`` if given."""
+        """Return the agent's view in the size of an observation, uint8[H, W, 3], drawn into ``out`` if given."""
         return self.aim_target(stage).draw(out)
 
     def aim_target(

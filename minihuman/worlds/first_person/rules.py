@@ -258,7 +258,10 @@ def _is_in_forbidden_room(things: Things, numbers: Numbers, agent: int, own: int
 
 @device_function()
 def _touch_sign(things: Things, numbers: Numbers, agent: int, own: int) -> float:
-    """Return 1 near the right entity, ``numbers[own]`` of the rule's, -1 near another, 0 near none; the last counts."""
+    """Return 1 if the agent is near the right entity, -1 if near another of the rule's, and 0 if near none.
+
+    The right one is number ``numbers[own]``, from 0. If several are near, the last one counts.
+    """
     reward = 0.0
     for k in range(int(numbers[RULE_THINGS])):
         if _near(things, numbers, int(numbers[ARGUMENTS + k]), agent):

@@ -166,7 +166,7 @@ class WorldState:
         return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
     def near(self, a: Entity, b: Entity) -> bool:
-        """Return whether two entities are within a step of touching."""
+        """Return whether the gap between two entities is below 1.1 times the longest step."""
         ax, ay, az = a.pos
         bx, by, bz = b.pos
         distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)

@@ -71,7 +71,7 @@ def _pick_up(stage: BuildingState) -> None:
 
 
 def _drop(stage: BuildingState, load: Entity) -> None:
-    """Put what the agent carries on the floor below it; change nothing if there is none."""
+    """Put what the agent carries on the floor below it; change nothing if there is no floor."""
     height = stage.floor_below(load.pos)
     if height is None or math.isnan(height):
         return

@@ -62,7 +62,7 @@ def _is_low(piece: WallPiece) -> bool:
 
 
 def _meets(room: PlannedSector, piece: WallPiece, *, is_floor: bool) -> bool:
-    """Return whether a piece of wall stands on the floor, or reaches to the ceiling."""
+    """Return whether a piece of wall stands on the floor or, without ``is_floor``, reaches to the ceiling."""
     edge = room.outline.edges[piece.edge]
     plane = room.floor_plane if is_floor else room.ceiling_plane
     heights = piece.bottom if is_floor else piece.top

@@ -43,7 +43,7 @@ def slope_between(axis: int, low: float, high: float, low_y: float, high_y: floa
 
 
 def area_of(corners: Sequence[Point]) -> float:
-    """Return the area in m² of a polygon."""
+    """Return the area in m² of a polygon with the corners (x, z)."""
     twice_area = 0.0
     for (ax, az), (bx, bz) in zip(corners, [*corners[1:], *corners[:1]], strict=True):
         twice_area += ax * bz - bx * az

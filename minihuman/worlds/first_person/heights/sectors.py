@@ -105,7 +105,7 @@ class Flight(NamedTuple):
     sectors: tuple[Sector, ...]
 
     def nearest_end(self, height: float) -> Sector:
-        """Return the end whose level is nearer to a height."""
+        """Return the lower or the upper end, whichever is nearer to a height."""
         low, high = self.bottom.levels
         if abs(height - low) <= abs(high - height):
             return self.bottom

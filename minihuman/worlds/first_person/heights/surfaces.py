@@ -197,7 +197,7 @@ def _level_surface(area: Area, plane: Plane, texture: str, *, is_floor: bool) ->
 
 
 def _piece_texture(plan: SectorPlan, number: int, piece: WallPiece) -> str:
-    """Return the texture of a piece of wall; a piece below an opening onto stairs, their first riser, has theirs."""
+    """Return the texture of a piece of wall; the first riser of stairs, below an opening onto them, has theirs."""
     room = plan.rooms[number]
     for opening in room.openings:
         is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end

@@ -45,7 +45,7 @@ class _Fork(GoalEnv):
         self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), room=room)
 
     def info(self) -> dict[str, Any]:
-        """Return the position of the box."""
+        """Return the position of the box as "goal_pos", float64[3]: x, y, z."""
         return {"goal_pos": np.array(self.box.pos)}
 
 

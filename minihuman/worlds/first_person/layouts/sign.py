@@ -87,5 +87,5 @@ class Sign(FirstPersonEnv):
         return (keys if self.goal else boxes)[self.color_index]
 
     def observe(self) -> Any:
-        """Return the picture and the goal."""
+        """Return the picture ("obs") and the number of the goal's kind ("goal") in a dict."""
         return {"obs": super().observe(), "goal": self.goal}

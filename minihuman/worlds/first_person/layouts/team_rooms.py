@@ -147,7 +147,7 @@ class TeamRooms(TeamWorld):
         return self._draw_from_body(body, self._env.see)
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Return what the person in a body sees, in exactly the given size."""
+        """Return what the person in a body sees, uint8[height, width, 3]."""
         return self._draw_from_body(
             body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette)
         )

@@ -297,7 +297,7 @@ class ExploredFloor:
         return min(max(column, 0), self.seen.shape[0] - 1), min(max(row, 0), self.seen.shape[1] - 1)
 
     def _find_unseen_around(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
-        """Return a cell and those of its neighbours that have not been seen."""
+        """Return a cell and those of its eight neighbours that have not been seen."""
         column, row = cell
         return [
             (c, r)

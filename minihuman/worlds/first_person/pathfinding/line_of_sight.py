@@ -112,7 +112,7 @@ def _to_wall(
 
 @kernel("(int8[:, ::1], int64, int64, float64)")
 def unseen_around(explored: NDArray[np.int8], column: int, row: int, cell: float) -> NDArray[np.float64]:
-    """Return the unseen floor that would be visible from a cell, by bearing (counter-clockwise from +x), in m²."""
+    """Return the unseen floor visible from a cell in m², float64[BEARINGS], by bearing counter-clockwise from +x."""
     columns, rows = explored.shape
     areas_m2 = np.zeros(BEARINGS)
     for bearing in range(BEARINGS):

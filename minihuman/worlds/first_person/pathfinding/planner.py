@@ -353,7 +353,7 @@ def take_action(world: "FirstPersonEnv", action: int, actions: list[int]) -> boo
 
 
 def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
-    """Return the turns after which the agent faces a thing as closely as possible."""
+    """Return the numbers of the turns after which the agent faces a thing as closely as possible."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
     bearing_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)

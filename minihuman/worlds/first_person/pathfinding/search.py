@@ -277,7 +277,7 @@ def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: 
 
 @device_function(nogil=True)
 def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
-    """Return a positive number left of the line from a to b, a negative one right of it, and 0 within rounding."""
+    """Return a number above 0 on one side of the line from a to b, below 0 on the other, and 0 on it when rounded."""
     turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
     return 0.0 if abs(turn) < 1e-9 else turn
 

@@ -371,7 +371,7 @@ class FolderAssets(Assets):
         return Texture(pixels, (width / TEXELS_A_METRE, height / TEXELS_A_METRE))
 
     def mesh(self, name: str) -> MeshData:
-        """Read an OBJ or GLB file of the folder, or else return the built-in mesh of that name."""
+        """Return the mesh of an OBJ or GLB file of the folder, or else the built-in mesh of that name."""
         file = self.meshes.get(name)
         if file is not None:
             return _READERS[file.suffix](file)

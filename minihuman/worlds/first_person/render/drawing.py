@@ -234,7 +234,7 @@ def _aim(
     *,
     trig: int = 0,
 ) -> None:
-    """Write a camera's position and direction into a view."""
+    """Write a camera into a view of a picture of a size: its position, direction, focal lengths and planes."""
     cos_yaw, sin_yaw = turn(yaw_rad, trig)
     cos_pitch, sin_pitch = turn(pitch_rad, trig)
     focal = height / 2 / half_view(fov_y_deg, trig)

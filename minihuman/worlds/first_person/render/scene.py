@@ -275,7 +275,7 @@ def _count_most_corners(faces: FaceTable, thing_faces: FaceTable, things: F64) -
 
 
 def _pack_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
-    """Return the table of the faces of all rooms, and the table of the rooms."""
+    """Return the tables of the rooms' faces and of the rooms; raise a WorldError if an opening leads nowhere."""
     polygons = []
     texture_places = []
     texture_rows = []

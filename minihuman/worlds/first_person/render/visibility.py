@@ -80,7 +80,7 @@ def contains(rooms: RoomTable, room: int, x: float, z: float) -> bool:
 
 @device_function(nogil=True, force_inline=True, count=int64, source=int64)
 def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
-    """Write to ``result`` the part of a window through which an opening is visible; return False if none is."""
+    """Write to ``result`` the part of a window (x0, y0, x1, y1) in which an opening is seen; return False if none."""
     hole = rooms.opening[opening]
     ax = hole[1, 0] - hole[0, 0]
     ay = hole[1, 1] - hole[0, 1]
