@@ -38,7 +38,7 @@ def _open_face(face: Typeface) -> freetype.Face:
 
 @lru_cache(maxsize=8192)
 def render_glyph(face: Typeface, size_px: int, glyph: int) -> GlyphBitmap:
-    """Render the glyph with an index in a typeface, at a type size in pixels."""
+    """Return the bitmap of the glyph with an index in a typeface, at a type size in pixels."""
     with _LOCK:
         ft_face = _open_face(face)
         ft_face.set_pixel_sizes(0, size_px)
@@ -74,7 +74,7 @@ def draw_shaped(
 def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphBitmap | None:
     """Render a line's glyphs into one bitmap; return None if all glyphs are blank.
 
-    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, to the right and down.
+    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, in 64ths to the right and down.
     """
     placed = [
         (render_glyph(glyph.face, size_px, glyph.glyph), *_find_pixel(glyph, x_64, y_64)) for glyph in line.glyphs
@@ -97,7 +97,7 @@ def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphB
 def _find_pixel(glyph: PlacedGlyph, x_64: int, y_64: int) -> tuple[int, int]:
     """Return the pixel (x, y) to which a glyph's origin is rounded, to the right and up from the line's pixel.
 
-    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, to the right and down.
+    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, in 64ths to the right and down.
     """
     half = SUBPIXELS // 2
     return (glyph.x_64 + x_64 + half) // SUBPIXELS, (glyph.y_64 - y_64 + half) // SUBPIXELS

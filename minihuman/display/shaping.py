@@ -35,7 +35,10 @@ _FOLLOWS = frozenset("PSZNM")  # Unicode categories of characters that keep the 
 
 @dataclass(frozen=True, slots=True)
 class PlacedGlyph:
-    """A glyph with its origin, measured to the right and up from the left end of the baseline."""
+    """A glyph, by its index in a typeface, and its origin.
+
+    The origin is given in 64ths of a pixel, to the right and up from the left end of the line's baseline.
+    """
 
     face: Typeface
     glyph: int
@@ -78,7 +81,7 @@ def _is_plainly_ltr(text: str) -> bool:
 
 
 def _without_surrogates(text: str) -> str:
-    """Replace lone surrogates, which a web page can send but UTF-8 cannot encode."""
+    """Return a text with U+FFFD for each lone surrogate, which a web page can send but UTF-8 cannot encode."""
     return _SURROGATE.sub("\ufffd", text)
 
 
@@ -167,7 +170,8 @@ def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
 def _can_follow(character: str, face: Typeface | None, before: Typeface) -> bool:
     """Return whether a sign, number or mark is drawn in the typeface of the character before it.
 
-    That typeface must have the character. It takes precedence over the character's preferred typeface ``face``.
+    That typeface, ``before``, must have the character. It takes precedence over the character's preferred typeface
+    ``face``, which is None if no typeface has the character; the result is False then.
     """
     follows = face is not None and unicodedata.category(character)[0] in _FOLLOWS
     return follows and can_set(before, character)
@@ -218,7 +222,7 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 
 
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
-    """Give blanks and directional marks at the end of a line the direction of the whole text (rule L1)."""
+    """Return levels in which blanks and directional marks at a line's end have the text's level ``base`` (rule L1)."""
     trailing = _LINE_END.search(text)
     if trailing is None:
         return levels
@@ -236,7 +240,7 @@ def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
 
 
 def _reverse_runs(runs: list[_Run], level: int) -> list[_Run]:
-    """Reverse each sequence of runs whose level is at least ``level``."""
+    """Return runs with each sequence of neighbours whose level is at least ``level`` reversed."""
     reversed_runs: list[_Run] = []
     for is_reversed, members in groupby(runs, lambda run: run.level >= level):
         sequence = list(members)

@@ -74,7 +74,10 @@ def split_tokens(paragraph: str) -> Iterator[str]:
 
 
 def _may_break(before: str, after: str) -> bool:
-    """Return whether a line can be broken between two characters: after blanks, and beside Chinese and Japanese."""
+    """Return whether a line can be broken between two characters: after a blank, or if one is Chinese or Japanese.
+
+    Without a blank, it cannot be broken before closing punctuation or after opening punctuation.
+    """
     if before.isspace():
         return not after.isspace()
     if after.isspace() or after in _NO_LINE_START or before in _NO_LINE_END:
@@ -177,7 +180,7 @@ def count_page_lines(*, picture: bool) -> int:
 
 
 def break_page_lines(text: str) -> list[str]:
-    """Break a page's text into lines at the reference size, independently of the typefaces that draw it."""
+    """Return the lines of a page's text, broken at the reference size, whatever the typefaces that draw it."""
     return _break_lines(text, measure_reference_px, PAGE_REFERENCE_PX * PAGE_COLUMN_WIDTH)
 
 

@@ -167,7 +167,7 @@ class TypefaceSet:
         return next((face for face in _list_installed_typefaces(self.language) if can_set(face, character)), None)
 
     def missing(self, text: str) -> str:
-        """Return the first character of a text that no typeface can draw; "" if there is none."""
+        """Return the first character of a text that no typeface can draw, blanks excepted; "" if there is none."""
         for character in dict.fromkeys(text):
             if unicodedata.category(character) not in _UNSEEN and self.of(character) is None:
                 return character
@@ -190,7 +190,7 @@ def find_installed_typeface(name: str) -> Typeface | None:
 
 @cache
 def _list_installed_typefaces(language: str) -> tuple[Typeface, ...]:
-    """List the typefaces of this computer, those for the language's script first."""
+    """Return the known typefaces on this computer in the order of search; a language can change their order."""
     paths = _find_font_files()
     language = language.lower()
     indices = {_CJK_COLLECTION: _CJK_FACE.get(language, _CJK_FACE["zh"])}

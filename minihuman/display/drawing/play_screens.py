@@ -72,21 +72,30 @@ _PLATE_OPACITY = 235  # of 255
 
 @dataclass(frozen=True, slots=True)
 class PlayFrame:
-    """The parts of a play screen that do not change during an episode."""
+    """The parts of a play screen that do not change during an episode.
+
+    Attributes:
+        mission: the text of the mission.
+        progress: the text of the progress, at the bottom.
+        legend: each key's name with the action that it chooses.
+        labels: for keys whose printed label is known: the key's name, its label and the caption above the label.
+        locale: the language, reading direction, theme and fonts of the texts.
+        picture_px: the width and height of the world's picture before it is fitted; (0, 0) if unknown.
+    """
 
     mission: str
     progress: str
     legend: tuple[tuple[str, str], ...]
     labels: tuple[tuple[str, str, str], ...]
     locale: TextLocale
-    picture_px: Size = (0, 0)  # of the world's picture, before it is fitted
+    picture_px: Size = (0, 0)
 
 
 def picture_size_px(size_px: Size) -> Size:
     """Return the largest width and height in pixels of a world's picture in a window.
 
-    The shape is 4:3, like that of agents' observations; on a wider picture, a person would see more of a 3D world than
-    they do.
+    The shape is 4:3, like that of agents' observations: on a wider picture, a person would see more of a 3D world than
+    an agent does.
     """
     width, height = size_px
     room_height = height - round(height * _TOP) - round(height * _BOTTOM)
@@ -95,7 +104,7 @@ def picture_size_px(size_px: Size) -> Size:
 
 
 def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
-    """Paint a world's picture into a frame; return the box that it covers."""
+    """Fit a world's picture to a frame and paint it there, in place; return the box in pixels that it covers."""
     size_px = frame.shape[1], frame.shape[0]
     picture = _fit_picture(picture, *picture_size_px(size_px))
     left, top, width, height = _place_picture(picture.shape[1], picture.shape[0], size_px)
@@ -104,12 +113,12 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
-    """Return the box in which a world's picture is drawn."""
+    """Return the box in pixels in which a world's picture is drawn in a window, after it is fitted to the window."""
     return _locate_size(picture.shape[1], picture.shape[0], size_px)
 
 
 def _locate_size(width: int, height: int, size_px: Size) -> Box:
-    """Return the box in which a picture of a given width and height is drawn, after it is fitted to the window."""
+    """Return the box in which a picture of a width and height in pixels is drawn, after it is fitted to the window."""
     return _place_picture(*_fit_size(width, height, *picture_size_px(size_px)), size_px)
 
 
@@ -124,7 +133,7 @@ def _place_picture(width: int, height: int, size_px: Size) -> Box:
 
 
 def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
-    """Scale a picture to the size in pixels of the space for it.
+    """Return a picture, scaled to fit into a space of ``room_width`` by ``room_height`` pixels.
 
     Its pixels are repeated by the largest whole factor above 1 that fits. If none fits, the picture keeps its size or
     is enlarged smoothly; a picture that is larger than the space is averaged down.
@@ -174,7 +183,7 @@ def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
 
 
 def _draw_rules(sheet: Sheet, rules: list[str], picture_px: Size) -> bool:
-    """Draw rules beside the picture; return False, without drawing, if they do not fit there.
+    """Draw rules beside the picture; return False, without drawing, if they do not fit or the picture has no size.
 
     They are drawn on one side in readable type, or else on both sides in type that can be smaller.
     """
@@ -202,7 +211,7 @@ def _draw_rules(sheet: Sheet, rules: list[str], picture_px: Size) -> bool:
 
 
 def _measure_rules_px(sheet: Sheet, rules: list[str], type_px: int, max_width_px: float) -> float:
-    """Return the height of a column of rules in pixels."""
+    """Return the height in pixels of a column of rules that is ``max_width_px`` wide."""
     n_lines = sum(len(sheet.wrap(rule, type_px, max_width_px)) for rule in rules)
     return (n_lines * LINE_HEIGHT + (len(rules) - 1) * _RULE_GAP) * type_px
 
@@ -217,7 +226,7 @@ def _draw_column(sheet: Sheet, rules: list[str], column_px: tuple[float, float, 
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     """Draw the mark of an outcome: a coloured frame around the picture, with a sign and the score near the top.
 
-    The rest of the returned layer is transparent.
+    The rest of the returned layer, which has the window's size, is transparent.
     """
     fitted = screen.picture
     if fitted.shape[1]:
@@ -237,7 +246,8 @@ def _draw_outcome_label(
 ) -> None:
     """Draw the sign of an outcome and the score on a plate, below the middle of the picture's upper edge.
 
-    The agent itself is often at the lower edge.
+    A label at the lower edge would often hide the agent. ``top_middle`` is the middle (x, y) of the upper edge; it, the
+    window's height and ``stroke``, the width of lines, are in pixels.
     """
     reach = window_height * 0.045
     type_px = round(window_height / 26)
@@ -262,7 +272,8 @@ def _draw_sign(
 ) -> None:
     """Draw a tick for "good", a cross for "bad" or a bar for "neutral", which differ even without colour.
 
-    ``place`` is the sign's middle (x, y), and ``reach`` is half its width, in pixels.
+    ``place`` is the sign's middle (x, y), ``reach`` is half its width, and ``stroke`` is the width of its lines, all in
+    pixels.
     """
     x, y = place
     left = x - reach
@@ -286,7 +297,7 @@ def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
     keys = [(printed_labels.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
     rows, type_px = _fit_legend(sheet, keys)
     width, height = sheet.size_px
-    keycap_height = type_px * (2.0 if len(rows) == 1 else 1.3)
+    keycap_height = type_px * (2.0 if len(rows) == 1 else 1.3)  # less than ``row_px``, so that rows do not touch
     row_px = type_px * 1.4
     legend_y = height * (1 - _BOTTOM + _LEGEND_OFFSET)
     raised_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
@@ -305,7 +316,7 @@ def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
 
 
 def _fit_legend(sheet: Sheet, keys: list[tuple[str, str]]) -> tuple[list[list[tuple[str, str]]], int]:
-    """Break the keys and their actions into rows; return the rows and the size of their type in pixels."""
+    """Break pairs of a key's label and its action into rows; return the rows and the size of their type in pixels."""
     width, height = sheet.size_px
     room_px = width - 2 * height * MARGIN
     type_px = round(height * 0.03)
@@ -319,7 +330,7 @@ def _fit_legend(sheet: Sheet, keys: list[tuple[str, str]]) -> tuple[list[list[tu
 
 
 def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, max_width_px: float) -> list[list[_Key]]:
-    """Break keys into lines that are at most ``max_width_px`` pixels long."""
+    """Return keys, each with its action, broken into lines that are at most ``max_width_px`` pixels long."""
     rows: list[list[_Key]] = [[]]
     for key in keys:
         if rows[-1] and _measure_legend_px(sheet, [*rows[-1], key], type_px) > max_width_px:
@@ -329,7 +340,7 @@ def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, max_width_px: fl
 
 
 def _measure_cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
-    """Return the width of a drawn key in pixels."""
+    """Return the width in pixels of a drawn key with the label ``cap``."""
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
 
@@ -387,7 +398,7 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture_box: Box
 
 
 def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: theme.Colour, gap: theme.Colour) -> None:
-    """Draw the four sides of a box inside it, ``stroke`` pixels thick; they are dashed if ``gap`` is another colour."""
+    """Draw a box's four sides inside it, ``stroke`` pixels thick; they are dashed if ``gap`` is not ``colour``."""
     left, top, width, height = box
     right = left + width
     bottom = top + height
@@ -401,7 +412,7 @@ def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: theme.C
 
 @lru_cache(maxsize=16)
 def _draw_dashed_side(length: int, stroke: int, colour: theme.Colour, gap: theme.Colour) -> NDArray[np.uint8]:
-    """Draw a side of the frame as uint8[length, 3]; it begins and ends with a dash, so that corners are complete."""
+    """Return a side of the frame as uint8[length, 3]; it begins and ends with a dash, so that corners are complete."""
     side = np.full((length, 3), colour, np.uint8)
     n_gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
     n_pieces = 2 * n_gaps + 1
@@ -414,7 +425,7 @@ def _draw_dashed_side(length: int, stroke: int, colour: theme.Colour, gap: theme
 def _draw_text_line(
     text: str, language: str, colour: theme.Colour, ground: theme.Colour, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """Draw the line of text below the picture as uint8[height, at least width, 3], wider if the text needs it."""
+    """Return a picture of the line of text as uint8[height, at least width, 3], wider if the text needs it."""
     faces = select_typefaces(language)
     size_px = max(MIN_TYPE_PX, round(height / _LINE * MIN_TYPE_SIZE))
     text_px = measure_width_px(text, faces, size_px)
@@ -429,7 +440,10 @@ RectPx = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
-    """Paste a picture into the middle of a box, as large as possible, with a thin line around the picture."""
+    """Paste a picture into the middle of a box, as large as possible, with a thin line around the picture.
+
+    A picture without pixels is left out.
+    """
     left, top, right, bottom = box
     height, width = picture.shape[:2]
     if not height or not width:

@@ -89,7 +89,7 @@ def _draw_widget(sheet: Sheet, widget: AnswerWidget, box: Box) -> None:
 
 
 def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
-    """Return whether a question's text and answers fit the screen in the smallest readable type."""
+    """Return whether a question's text, options and statements fit the screen in the smallest readable type."""
     sheet = Sheet(size_px, screen.locale)
     question_px = _measure_question_room(screen) * sheet.high
     column_px = _WIDE * sheet.high
@@ -106,7 +106,7 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
 
 
 def _measure_question_room(screen: QuestionScreen) -> float:
-    """Return the share of the height that is reserved for the question's text: the more, the fewer its answers need."""
+    """Return the share of the height for the question's text, which is larger if the answers need less room."""
     is_tall_canvas = isinstance(screen.item, ShapeCanvas) and screen.item.is_tall
     if is_tall_canvas or isinstance(screen.item, RatingMatrix):
         return _LEAST_QUESTION_ROOM
@@ -121,7 +121,7 @@ def _measure_question_room(screen: QuestionScreen) -> float:
 def _fit_options(
     sheet: Sheet, option_list: OptionList, width_px: float, max_height_px: float
 ) -> tuple[list[list[str]], int] | None:
-    """Return the lines of each option and the largest readable type size in which all fit; None if they do not fit."""
+    """Return each option's lines and the largest readable type size (px) in which all fit; None if they do not fit."""
     type_px = round(sheet.high * _TYPE)
     while type_px >= sheet.min_type_px:
         text_px = width_px - type_px * _OPTION_INDENT
@@ -215,7 +215,7 @@ def _choice_outline(is_chosen: bool) -> theme.Colour:
 
 
 def _choice_ink(is_chosen: bool) -> theme.Colour:
-    """Return the colour of the text on an option."""
+    """Return the colour of the text on a point or a shape, which depends on whether that is chosen."""
     if is_chosen:
         return theme.BACKGROUND
     return theme.INK
@@ -335,7 +335,7 @@ def _draw_matrix(sheet: Sheet, matrix: RatingMatrix, box: Box) -> None:
 
 
 def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
-    """Write the meaning of the points above their columns; return the height of this head in pixels."""
+    """Write the meaning of the points from ``top`` down, between the two x of ``columns``; return its height in px."""
     type_px = sheet.min_type_px
     left, right = columns
     unit = (right - left) / len(matrix.points)
@@ -353,7 +353,7 @@ def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float,
 def _draw_matrix_points(
     sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, row_px: float
 ) -> None:
-    """Draw the points of a statement in its row, whose middle is ``y`` and height ``row_px``, and add their spots."""
+    """Draw the points of a statement around the height ``y``, between the two x of ``columns``, and add their spots."""
     left, right = columns
     count = len(matrix.points)
     unit = (right - left) / count
@@ -366,13 +366,13 @@ def _draw_matrix_points(
         _draw_point(sheet, (x, y), reach, is_chosen=is_chosen)
         if not has_words:
             sheet.put((x, y), label, sheet.min_type_px, _choice_ink(is_chosen), "m")
-        option = row * count + point
+        option = row * count + point  # the points of all statements are numbered row by row
         cell = (left + unit * column, y - row_px / 2, left + unit * (column + 1), y + row_px / 2)
         sheet.spots.append(Spot(f"option:{option}", *cell))
 
 
 def _draw_end_texts(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
-    """Write the texts at the two ends of a scale, each within its half of the width."""
+    """Write the texts at the two ends of a scale from ``y`` down, each within its half between the x of ``sides``."""
     left, right = sides
     type_px = round(sheet.high * _SMALL_TYPE)
     ends = [low, high]
@@ -407,7 +407,7 @@ def _draw_slider(sheet: Sheet, slider: Slider, box: Box) -> None:
 
 
 def _draw_slider_mark(sheet: Sheet, slider: Slider, x: float, y: float, stroke: int) -> None:
-    """Draw the mark of a slider that has been set, with its value above."""
+    """Draw the mark of a slider around (x, y), with lines ``stroke`` pixels wide, and the slider's value above it."""
     reach = sheet.high * 0.022
     circle = (x - reach, y - reach, x + reach, y + reach)
     sheet.draw.ellipse(circle, fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke)
@@ -416,7 +416,7 @@ def _draw_slider_mark(sheet: Sheet, slider: Slider, x: float, y: float, stroke: 
 
 
 def _draw_shapes(sheet: Sheet, canvas: ShapeCanvas, box: Box) -> None:
-    """Draw boxes and ellipses with their labels, on the largest canvas that fits."""
+    """Draw boxes and ellipses with their labels on the largest canvas that fits a box; add a spot for each target."""
     left, top, right, bottom = box
     canvas_width = min(right - left, (bottom - top) * canvas.aspect)
     canvas_height = canvas_width / canvas.aspect
@@ -479,7 +479,7 @@ def _compute_luminance(colour: tuple[int, ...]) -> float:
 
 
 def field_type_px(sheet: Sheet) -> int:
-    """Return the size in pixels of the type in a field."""
+    """Return the size in pixels of the type in a text field."""
     return round(sheet.high * _TYPE)
 
 

@@ -86,7 +86,11 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
 
 
 def _share_surroundings(previous: PlayScreen, screen: PlayScreen) -> bool:
-    """Return whether two play screens differ at most in their pictures, of the same size, and in who is in control."""
+    """Return whether one play screen becomes the other if only the picture and the signs of control are painted.
+
+    For this, neither has an outcome's mark, their pictures have the same size, and both or neither show who is in
+    control.
+    """
     if previous.mark or screen.mark:
         return False
     if previous.picture.shape != screen.picture.shape or _play_frame(previous) != _play_frame(screen):
@@ -97,9 +101,9 @@ def _share_surroundings(previous: PlayScreen, screen: PlayScreen) -> bool:
 
 
 def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, float]:
-    """Return the name of the spot at (x, y), "" if there is none, and the position along the spot from 0 to 1.
+    """Return the name of the spot at (x, y), and the position along the spot from 0 to 1; ("", 0.0) if there is none.
 
-    Coordinates are shares of the screen's width and height.
+    Coordinates are shares of the screen's width and height. Only pages and questions have spots.
     """
     if isinstance(screen, PageScreen | QuestionScreen):
         width, height = size_px
@@ -112,9 +116,9 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
 
 def locate_in_field(screen: QuestionScreen, size_px: Size, x: float, y: float) -> int:
-    """Return the position in the text of a question's field that is nearest to a point.
+    """Return the position in the text of a question's field, in characters, that is nearest to the point (x, y).
 
-    The coordinates of the point are shares of the screen's width and height.
+    The coordinates of the point are shares of the screen's width and height. The question must have a text field.
     """
     page = _draw_sheet(screen, size_px)
     field = next(spot for spot in page.spots if spot.name == "field")
@@ -160,7 +164,7 @@ def _paint_play(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
 
 
 def _paste_layer(frame: NDArray[np.uint8], layer: Image.Image) -> None:
-    """Paste a picture with transparency onto a frame."""
+    """Paste a picture with transparency onto a frame of the same size, in place."""
     image = Image.fromarray(frame)
     image.paste(layer, (0, 0), layer)
     frame[:] = np.asarray(image)

@@ -57,7 +57,10 @@ _PROGRESS_Y = 0.97
 
 
 def find_colour(colour: Colour, theme: str) -> Colour:
-    """Return the colour of a theme that corresponds to a colour of the dark theme."""
+    """Return the colour of a theme that corresponds to a colour of the dark theme.
+
+    If ``theme`` is not "light", or the light theme has no such colour, the colour itself is returned.
+    """
     if theme == "light":
         return LIGHT.get(colour, colour)
     return colour
@@ -148,13 +151,13 @@ class Sheet:
         return "l"
 
     def from_start(self, left: float, right: float, offset: float) -> float:
-        """Return the x at an offset from the side on which the language's lines begin."""
+        """Return the x at an offset from the side, ``left`` or ``right``, on which the language's lines begin."""
         if self.locale.rtl:
             return right - offset
         return left + offset
 
     def from_end(self, left: float, right: float, offset: float) -> float:
-        """Return the x at an offset from the side on which the language's lines end."""
+        """Return the x at an offset from the side, ``left`` or ``right``, on which the language's lines end."""
         if self.locale.rtl:
             return left + offset
         return right - offset
@@ -257,7 +260,7 @@ class Sheet:
         self.put_line(place, title, round(self.high * _TITLE_TYPE_SIZE), max_width_px, INK)
 
     def footer(self, buttons: tuple[Button, ...], prompt: str, progress: str, max_width_px: float) -> None:
-        """Draw a page's buttons, and below them the prompt and the progress, each at most ``max_width_px`` long."""
+        """Draw a page's buttons, and below them the prompt and the progress, both at most ``max_width_px`` long."""
         middle = self.size_px[0] / 2
         type_px = round(self.high * _FOOTER_TYPE_SIZE)
         self.buttons(buttons, self.top + self.high * _BUTTONS_Y)
@@ -265,7 +268,7 @@ class Sheet:
         self.put_line((middle, self.top + self.high * _PROGRESS_Y), progress, type_px, max_width_px, MUTED_INK)
 
     def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
-        """Draw buttons side by side in reading order, centred on the page, and add a spot for each."""
+        """Draw buttons side by side in reading order, centred on the page around the height ``y``; add their spots."""
         type_px = round(self.high / 34)
         pad = self.high * 0.025
         gap = self.high * 0.03
@@ -325,7 +328,7 @@ class Keycap:
 def _lay_out_keyboard() -> dict[str, Keycap]:
     """Return the keycap of each key of an ISO keyboard, by the key's name."""
     caps: dict[str, Keycap] = {}
-    for number, (x, row) in enumerate(_ROWS):
+    for number, (x, row) in enumerate(_ROWS):  # the keypad's rows lie beside the main rows, hence ``%`` below
         for entry in row.split():
             key, _, width = entry.partition(":")
             if key != "_":

@@ -12,7 +12,7 @@ FieldBox = tuple[float, float, float, float]  # left, top, right, bottom, in pix
 
 @dataclass(frozen=True, slots=True)
 class FieldView(TextField):
-    """A field that a window edits, with its selection (from anchor to caret) or the composition before the caret."""
+    """A field that a window edits; its text from anchor to caret is selected or, if ``is_composing``, composed now."""
 
     anchor: int = 0
     is_composing: bool = False
@@ -50,7 +50,10 @@ class FieldLayout:
 
 
 def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> FieldLayout:
-    """Break a field's text into lines; if not all fit, the last visible line is the caret's."""
+    """Break a field's text into lines, and return the layout of those that are visible in a box.
+
+    These are the first lines that fit or, if the caret is below them, the lines that end with the caret's line.
+    """
     left, top, right, bottom = box
     pad = type_px * 0.6
     spans = _break_lines(sheet, field.text, type_px, right - left - 2 * pad)
@@ -62,7 +65,7 @@ def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -
 
 
 def _break_lines(sheet: Sheet, text: str, type_px: int, max_width_px: float) -> list[tuple[int, int]]:
-    """Return where each line of a text begins and ends, breaking it at line feeds and after spaces."""
+    """Return where each line of a text begins and ends; lines break at line feeds and, if too long, after spaces."""
     spans: list[tuple[int, int]] = []
     begin = 0
     for paragraph in text.split("\n"):
@@ -103,7 +106,7 @@ def _count_fitting(sheet: Sheet, text: str, type_px: int, max_width_px: float) -
 
 
 def draw_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> None:
-    """Draw a field with its text, selection and caret."""
+    """Draw a field with its text, selection and caret into a box, and add a spot "field" for it."""
     sheet.draw.rounded_rectangle(
         box, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
     )
@@ -131,7 +134,11 @@ def _draw_selection(
     *,
     is_underline: bool,
 ) -> None:
-    """Draw the part of a selection that lies in a line, as an underline if an input method is composing it."""
+    """Draw the part of a selection that lies in a line, as an underline if an input method is composing it.
+
+    ``line`` and ``selection`` are given by their begin and end in ``text``; ``row`` is the line's number among the
+    visible lines, from 0.
+    """
     line_begin, line_end = line
     selection_begin, selection_end = selection
     begin = max(line_begin, selection_begin)

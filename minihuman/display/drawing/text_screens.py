@@ -180,7 +180,10 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
 
 
 def _draw_page_lines(sheet: Sheet, screen: PageScreen, box: tuple[float, float, float, float]) -> None:
-    """Draw a page's text in a box: from its top or, if it is the only page, in the middle; few lines are centred."""
+    """Draw a page's text in a box, from its top or, if there is no other page, in the middle of its height.
+
+    On an only page, up to three lines are also centred from left to right.
+    """
     left, top, right, bottom = box
     lines = text.style_lines(text.break_page_lines(screen.body))
     type_px = _fit_page_type_px(sheet, lines, right - left)

@@ -93,7 +93,7 @@ class KeyRepeater:
         return [KeyUp(t_ns, key, symbol)]
 
     def release_all(self, t_ns: int) -> list[KeyUp]:
-        """Return a release of every key, 1 ns apart, as the window loses the focus and will not see the real ones."""
+        """Return a release of each key that is down, 1 ns apart, since a window without the focus sees no releases."""
         self._repeating = None
         keys = self._down
         self._down = {}
@@ -109,7 +109,7 @@ class KeyRepeater:
         return self._repeating.due_ns
 
     def repeats(self, now_ns: int) -> list[KeyDown]:
-        """Return the repeat that is due, if any; a loop that is late gets one repeat instead of all that it missed."""
+        """Return the repeat that is due, [] if none is; a late loop gets one repeat instead of all that it missed."""
         repeating = self._repeating
         if repeating is None or now_ns < repeating.due_ns:
             return []
@@ -188,12 +188,12 @@ class BlockingWindow(Window):
         """Put a press and a release of a key into the toolkit's queue, to measure delays; any thread can call this."""
 
     def _open_clipboard(self) -> Clipboard:
-        """Return the system's clipboard, or one of the window's own if the toolkit does not reach the system's."""
+        """Return the system's clipboard, or one inside this window if the toolkit does not reach the system's."""
         return OwnClipboard()
 
     @property
     def picture_px(self) -> Size:
-        """The size of the largest world's picture that fits the window."""
+        """The width and height in pixels of the largest picture of a world that fits the window."""
         return picture_size_px(self.size_px)
 
     def show(self, screen: Screen) -> ScreenShown:
@@ -201,7 +201,7 @@ class BlockingWindow(Window):
         return self.show_after(screen, lambda: None)
 
     def show_after(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
-        """Draw a screen, wait for ``await_log``, and display the screen.
+        """Draw a screen, wait until ``await_log`` returns, and display the screen; return its times.
 
         A moving screen continues to move while the window waits for input.
 
@@ -424,7 +424,7 @@ class BlockingWindow(Window):
         return [kind(t_ns, *position, "picture", cause=cause)]
 
     def _move_mouse(self, right_px: int, down_px: int, t_ns: int) -> list[Input]:
-        """Convert a motion of the captured mouse, in pixels, to inputs of the axes that the screen uses."""
+        """Convert a motion of the captured mouse, in pixels, to inputs of the screen's axes; [] without the focus."""
         if not self._focused:
             return []
         motion_px = {"mouse_x": right_px, "mouse_y": down_px}
@@ -481,7 +481,7 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
 
 
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
-    """Open the window with a name, and show that it is opening."""
+    """Open the window with a name, and show that it is opening; raise WindowError if it is unknown or cannot open."""
     if name not in list_windows():
         raise WindowError(f"unknown window {name!r}; use one of {', '.join((AUTO_WINDOW, *list_windows()))}")
     window = call_plugin(

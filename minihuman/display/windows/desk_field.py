@@ -231,7 +231,7 @@ class DeskField:
         return True
 
     def _press_key(self, key: str, *, is_command: bool) -> None:
-        """Carry out a shortcut, or let the key move the caret or delete."""
+        """Carry out a shortcut, or let the key move the caret, delete or, in a long text, begin a new line."""
         is_shift = bool(self._modifiers.intersection(_SHIFT_KEYS))
         if is_command and key in ("a", "c", "x", "v", "y", "z"):
             self._apply_command(key, is_shift=is_shift)
@@ -261,7 +261,7 @@ class DeskField:
                 editor.undo()
 
     def _press_pointer(self, press: PointerPressed, size_px: Size) -> None:
-        """Move the caret to a position, or select its word at a double click."""
+        """Move the caret to the pressed position or, at a double click, select the word there."""
         position = self._locate(press.x, press.y, size_px)
         if press.t_ns - self._pressed_ns < _DOUBLE_CLICK_NS:
             self._editor.select_word(position)
@@ -275,7 +275,7 @@ class DeskField:
         return min(len(self._editor.text), locate_in_field(self.show_current(), size_px, x, y))
 
     def _apply_edit(self, t_ns: int, edit: Callable[[], None]) -> None:
-        """Apply an edit, and record when changes began if it changed the text."""
+        """Apply an edit; if it changes the text, record when changes began and when they are to be reported."""
         before = self._editor.text
         edit()
         if self._editor.text != before:

@@ -54,7 +54,7 @@ class Gamepad:
         return None
 
     def facts(self) -> dict[str, str]:
-        """Return the gamepad's name, axes, dead zone and polling rate."""
+        """Return the gamepad's name, axes, dead zone and polling rate, as facts for the log."""
         assert self._pad is not None
         return {
             "gamepad": self._pad.name,

@@ -195,7 +195,7 @@ class PygameWindow(BlockingWindow):
         """Return the release of a key that was down when the window got the focus; [] if it is up already."""
         self._down_at_focus = [held_key for held_key in self._down_at_focus if held_key != key]
         if self._repeater.is_down(key):
-            return self._key(False, key, "", t_ns)
+            return self._key(False, key, "", t_ns)  # a release
         return []
 
     def _match_moves(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
@@ -357,7 +357,7 @@ class PygameWindow(BlockingWindow):
             pygame.event.post(pygame.event.Event(event_type, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
-        """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
+        """Return facts for the log: toolkit, version, size, vsync, refresh rate, and how keys are timed and named."""
         width, height = self.size_px
         sdl_version = ".".join(map(str, pygame.get_sdl_version()))
         return {

@@ -103,7 +103,10 @@ class PygletWindow(BlockingWindow):
         return arrived
 
     def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None, is_shortcut: bool) -> None:
-        """Add the inputs of a key event; the last cause that applies to a press is its cause."""
+        """Add the inputs of a key event.
+
+        The cause of a press is "held_before_focus" if it was not made in this window, or else "shortcut" or "finger".
+        """
         t_ns = self._convert_time(server_ms)
         if not down:
             self._inputs += self._key(False, key, symbol, t_ns)
@@ -179,11 +182,11 @@ class PygletWindow(BlockingWindow):
         """Put a press and a release of a key into pyglet's queue; any thread can call this."""
         import pyglet
 
-        for down in (True, False):
+        for down in (True, False):  # without a symbol or a time of the server, and not as a shortcut
             pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:
-        """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
+        """Return facts for the log: toolkit, version, size, vsync, refresh rate, and how keys are timed and named."""
         import pyglet
 
         from minihuman.display.windows.pyglet_native import ON_X11
@@ -222,7 +225,11 @@ def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
 
 
 def _open_native_window(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
-    """Open a pyglet window and start its event loop."""
+    """Open a pyglet window and start its event loop.
+
+    Raises:
+        WindowError: if pyglet is in headless mode or cannot open a window.
+    """
     try:
         import pyglet
 

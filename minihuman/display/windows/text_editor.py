@@ -89,11 +89,11 @@ class TextEditor:
         return letter == "\t" or unicodedata.category(letter) not in ("Cc", "Cs")
 
     def press_key(self, key: str, *, is_shift: bool = False, is_word: bool = False) -> bool:
-        """Move the caret or delete; return False for a key that does neither.
+        """Move the caret, delete or, in a long text, begin a new line; return False for a key that does none of these.
 
         Args:
             key: the key's name.
-            is_shift: whether the selection's other end stays, as with Shift.
+            is_shift: whether the selection's anchor stays where it is, as with Shift.
             is_word: whether the key moves or deletes by words, as with Ctrl.
         """
         match key:
@@ -112,7 +112,7 @@ class TextEditor:
         return True
 
     def _move_step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
-        """Move the caret by a letter or a word; without Shift, a selection is left at its end in that direction."""
+        """Move the caret by a letter or a word; without Shift, move it from a selection to that end of it."""
         begin, end = self.edited.selection
         if begin != end and not is_shift:
             self.move_to(end if is_onward else begin)
@@ -149,7 +149,7 @@ class TextEditor:
         return len(self.text) if end < 0 else end
 
     def move_to(self, position: int, *, is_shift: bool = False) -> None:
-        """Move the caret; with ``is_shift`` the selection's other end stays."""
+        """Move the caret to a position; with ``is_shift``, the selection's anchor stays, else nothing is selected."""
         self._is_typing = False
         anchor = self.edited.anchor if is_shift else position
         self.edited = replace(self.edited, caret=position, anchor=anchor)
@@ -185,7 +185,7 @@ class TextEditor:
         self._restore(self._redo, self._undo)
 
     def _restore(self, history: list[EditedText], opposite_history: list[EditedText]) -> None:
-        """Return to the latest text of a history, and keep the present text in the opposite history."""
+        """Go back to the latest text of a history, if it has one, and keep the present text in the opposite history."""
         if history:
             opposite_history.append(self.edited)
             self.edited = history.pop()

@@ -184,11 +184,11 @@ class _Server:
 
     def _has_session_clock(self) -> bool:
         """Return whether the server's stamp of an event lies between the session's times before and after it."""
-        window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
+        window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)  # 1 x 1 px, never shown
         self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
         atom = self._x.XInternAtom(self._display, b"MINIHUMAN_TIME", 0)
         before_ms = time.monotonic_ns() // _NS_PER_MS
-        self._x.XChangeProperty(self._display, window, atom, atom, 8, 0, b"", 0)
+        self._x.XChangeProperty(self._display, window, atom, atom, 8, 0, b"", 0)  # no bytes, but it causes an event
         event = _Event()
         while event.type != _PROPERTY_NOTIFY:
             self._x.XNextEvent(self._display, ctypes.byref(event))
@@ -339,6 +339,7 @@ class X11InputRecord(_Server):
         keycode = 0
         for name in ("LVL3", "ALGR", "RALT"):  # the last that exists; "LVL3" is no real key and types AltGr everywhere
             keycode = codes.get(name, keycode)
+        # of the first layout, without Shift
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
 
     def is_down(self, key: str) -> bool:
@@ -389,7 +390,7 @@ class X11InputRecord(_Server):
         for keycode in range(_LEAST_KEYCODE, _KEYCODES):
             byte, bit = divmod(keycode, 8)
             if keys_down[byte] & (1 << bit):
-                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
+                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))  # True: it is down
 
     def _name_key(self, keycode: int) -> str:
         return key_from_xkb(self._positions.get(keycode, ""), keycode)
@@ -424,7 +425,7 @@ class X11InputRecord(_Server):
             if raw.flags & _KEY_REPEAT:
                 return None
             return self._name_key(raw.detail)
-        if raw.detail == 1:
+        if raw.detail == 1:  # the number of the main button
             return MAIN_BUTTON
         return None
 

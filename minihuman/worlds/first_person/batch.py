@@ -131,7 +131,11 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
     def reset(self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes in all worlds, or in those marked in ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i`` or ``seed[i]``. Without a seed, its random stream continues.
+        World ``i`` takes the seed ``seed + i`` or ``seed[i]``. Without a seed, its random stream continues. The
+        observations and infos of all worlds are returned.
+
+        Raises:
+            WorldError: if the mask is not bool[n], or the seeds do not fit the batch.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         chosen = np.ones(self.num_envs, np.bool_)
@@ -146,10 +150,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return self._observe_all(range(self.num_envs))
 
     def step(self, actions: ArrayLike) -> Stepped:
-        """Step every world by its action.
+        """Step every world by its action; return observations, rewards, terminated, truncated and infos.
 
         Raises:
-            WorldError: before ``reset``, if the actions are not one valid number per world, or after an episode's end
+            WorldError: before ``reset``, if the actions are not one valid action per world, or after an episode's end
                 if autoreset is disabled. No world has changed then.
         """
         joint = self._joint
@@ -164,7 +168,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             joint.step(action_array, renewed, rewards, statuses)
         was_stepped = statuses >= 0
         terminated, truncated = (was_stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED))
-        changed = np.flatnonzero(statuses & ~MOVED).tolist()  # worlds that did other than move, which Python handles
+        # The worlds that did other than move, or made no joint step (-1 has every bit); Python handles them.
+        changed = np.flatnonzero(statuses & ~MOVED).tolist()
         final: dict[int, tuple[Any, dict[str, Any]]] = {}  # last observations and infos of worlds that begin anew
         for i in changed:
             world = self.worlds[i]
@@ -270,7 +275,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return self.worlds
 
     def is_readable(self, name: str) -> bool:
-        """Return whether `get_attr` can read an attribute: a listed one, or one that a world's build() sets."""
+        """Return whether `get_attr` can read an attribute: one in ``readable``, or one of a world's state."""
         return name in self.readable or name in self.worlds[0].own_attributes()
 
     def worlds_in_turn(self) -> Iterator[FirstPersonEnv]:
@@ -319,7 +324,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return concatenate(self.single_observation_space, list(chain.from_iterable(observations)), batch)
 
     def _infos(self) -> dict[str, Any]:
-        """Return the infos of all worlds, if their class defines any."""
+        """Return the infos of all worlds in Gymnasium's form; {} if their class defines none."""
         infos: dict[str, Any] = {}
         if type(self.worlds[0]).info is FirstPersonEnv.info:
             return infos
@@ -374,7 +379,7 @@ class JointStep:
         rewards: NDArray[np.float64],
         statuses: NDArray[np.int64],
     ) -> None:
-        """Step every world that is not skipped; write each world's reward, and its status as in `rules.act` or -1."""
+        """Step every world that is not skipped; write its reward and its status as in `rules.act`, or 0 and -1."""
         self._latest = -1  # until all views are aimed
         has_score = bool(self._flats[0].score)
         if has_score:
@@ -419,7 +424,9 @@ class JointStep:
             self._agents[i] = vars(agent)
             self._trigs[i] = agent.trig
             self._arrays[i] = flat.things, flat.numbers, flat.walls, target.view
+            # Of the view, a row has the address alone, and then the number of spans for which there is memory.
             self._rows[i] = *addresses(*self._arrays[i])[:-1], target.view[ROOM]
+            # The heading after a turn and the reward (0.0) are written at each step.
             self._own[i] = *agent.pos, agent.dir, *turn(agent.dir, agent.trig), 0.0, 0.0, 0.0, agent.cam_fwd_disp
             signs = [(motion == TURN_LEFT) - (motion == TURN_RIGHT) for motion in flat.motions]
             self._turns_rad[i] = np.array(signs) * flat.turn_rad

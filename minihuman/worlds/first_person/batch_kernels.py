@@ -67,7 +67,7 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
         numbers = _floats_at(row[NUMBERS], row[NUMBERS + 1])
         numbers[STEPS] += 1.0
         walls = _floats_at(row[WALLS], row[WALLS + 1]).reshape(row[WALLS + 1] // 4, 4)
-        if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:
+        if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:  # the motion of the action is a turn; see `rules.NAMED`
             after = AFTER
         else:
             after = NOW
@@ -87,8 +87,8 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
 def move_together(rows: I64, commands: F64, own: F64, statuses: NDArray[np.int64]) -> None:
     """Step each world by its command, as `motion_kernels.step_freely` does, and aim its view.
 
-    ``commands`` are (n, COMMAND_SIZE + 1). A world that is skipped gets the status -1. A world in which an action of
-    the hands turns the body must not be stepped here.
+    ``rows`` are (n, ROW_SIZE), ``commands`` are (n, COMMAND_SIZE + 1), and ``own`` are (n, OWN_SIZE). A world that is
+    skipped gets the status -1. A world in which an action of the hands turns the body must not be stepped here.
     """
     for nth in range(len(commands)):
         use = int64(commands[nth, USE])
@@ -120,7 +120,7 @@ def _aim(things: F64, numbers: NDArray[np.float64], facts: NDArray[np.float64], 
     """Copy the agent's pose and the step's reward into a world's own numbers ``facts``, and aim its view.
 
     Of the view, numbers 0 to 2 are the eye's position; 3 to 5, 6 to 8 and 9 to 11 are unit vectors to the right, up and
-    ahead.
+    ahead. Numbers 7 and 10, the heights of "up" and "ahead", are the cosine and sine of the pitch, and do not change.
     """
     agent = int(numbers[AGENT])
     for column in range(HEADING + 1):

@@ -45,7 +45,7 @@ _CHARACTER_VARIANTS = 9
 
 
 def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
-    """Return the half width, height and half depth of a built-in mesh, in single precision; None for other meshes."""
+    """Return the half width, height and half depth of a built-in mesh in its own units; None for other meshes."""
     stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_")), mesh)
     if stem not in _EXTENTS:
         return None
@@ -153,7 +153,11 @@ define_names(Entity, _INSTEAD, _refuse_name)
 
 
 class Box(Entity):
-    """A coloured box; ``size`` is the length of its sides in metres, or one length per side (x, y, z)."""
+    """A coloured box; ``size`` is the length of its sides in metres, or one length per side (x, y, z).
+
+    Raises:
+        WorldError: if the colour is unknown, or a side is not above 0.
+    """
 
     looks = ("size", "rgb")
 
@@ -203,6 +207,9 @@ class Mesh(Entity):
     """An entity drawn from a mesh that is scaled to a height in metres; the mesh determines its width.
 
     A mesh in a world's own folder is known by name only; it is measured when the entity is placed.
+
+    Raises:
+        WorldError: if the height is not above 0.
     """
 
     looks = ("mesh",)
@@ -254,7 +261,16 @@ class Key(ColouredMesh):
 
 
 class ImageFrame(Entity):
-    """A framed picture on a wall, facing ``dir``; ``aspect`` is the picture's height divided by its width."""
+    """A framed picture on a wall.
+
+    Args:
+        pos: the middle of its back, on the wall, in metres
+        dir: the direction that it faces, in radians
+        texture: the name of the picture
+        width: its width in metres
+        aspect: its height divided by its width
+        depth: by how much it stands out from the wall, in metres
+    """
 
     static = True
     looks = ("texture", "width", "depth")
@@ -273,7 +289,18 @@ class ImageFrame(Entity):
 
 
 class TextFrame(Entity):
-    """A framed line of letters and digits on a wall, facing ``dir``; each character is as wide as it is high."""
+    """A framed line of letters and digits on a wall; each character is as wide as it is high.
+
+    Args:
+        pos: the middle of its back, on the wall, in metres
+        dir: the direction that it faces, in radians
+        text: the line
+        height: the height of a character in metres
+        depth: by how much it stands out from the wall, in metres
+
+    Raises:
+        WorldError: if the text has other characters than letters, digits and spaces.
+    """
 
     static = True
     looks = ("text", "variants")
@@ -329,7 +356,7 @@ class Agent(Entity):
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
-        """Return the unit vector of the camera's direction, float64[3]."""
+        """Return the unit vector of the camera's direction, float64[3]: x, y, z."""
         pitch_rad = math.radians(self.cam_pitch)
         upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
         ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards

@@ -161,7 +161,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return flat.reward, bool(status & rules.TERMINATED)
 
     def info(self) -> dict[str, Any]:
-        """Return the info of ``reset`` and ``step``."""
+        """Return the info that ``reset`` and ``step`` return, by default {}."""
         return {}
 
     def targets(self) -> tuple[Entity, ...]:
@@ -172,7 +172,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return ()
 
     def off_limits(self) -> tuple[Room, ...]:
-        """Return the rooms that planned paths avoid."""
+        """Return the rooms that planned paths avoid, by default none."""
         return ()
 
     def observe(self) -> Any:
@@ -180,7 +180,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return self.see()
 
     def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw the agent's view, uint8[obs_height, obs_width, 3], into ``out`` if given."""
+        """Return the agent's view, uint8[obs_height, obs_width, 3], drawn into ``out`` if that is given."""
         return self._pictures.observation(self.stage, out)
 
     def aim_target(self) -> RenderTarget:
@@ -188,7 +188,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return self._pictures.aim_target(self.stage)
 
     def staged(self, palette: Palette, size_px: tuple[int, int]) -> tuple[Sequence[Entity], RenderTarget]:
-        """Return the entities of the scene, including removed ones, and the render target of the agent's view."""
+        """Return the scene's entities, including removed ones, and the agent's view of a size as a render target."""
         return self._pictures.staged(self.stage, palette, size_px)
 
     # What ``build`` calls.
@@ -316,17 +316,17 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return self.observe(), self.info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Step the world by an action.
+        """Step the world by an action; return observation, reward, terminated, truncated and info.
 
         Raises:
-            WorldError: if the action is not in the action space, or before the first reset.
+            WorldError: if the action is not in the action space, or no episode is running.
         """
         reward, terminated, truncated = self.advance(action)
         self._show()
         return self.observe(), reward, terminated, truncated, self.info()
 
     def begin(self, *, seed: int | None = None) -> None:
-        """Begin an episode without computing an observation."""
+        """Begin an episode without computing an observation; raise a WorldError if `build` places no agent."""
         super().reset(seed=seed)
         self.step_count = 0
         self._over = False
@@ -353,7 +353,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
             self._is_made = was_made
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
-        """Make a step without computing an observation; return reward, terminated and truncated."""
+        """Step as `step` does, but without an observation; return reward, terminated and truncated."""
         number = self.check(action)
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
@@ -380,7 +380,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return reward, terminated, truncated
 
     def check(self, action: Any) -> int:
-        """Return an action's number, or raise the error that ``step`` would raise; the world does not change."""
+        """Return an action's number, 0 for a continuous one; raise a WorldError for an invalid one or before reset."""
         if self._stage is None:
             raise self._not_reset()
         if self._continuous is not None:

@@ -52,7 +52,7 @@ class FreeMotion(abc.ABC):
             Whether the agent turned or moved.
 
         Raises:
-            WorldError: if a number is not finite or very large.
+            WorldError: if a number is not finite or beyond 100 000, or before the first reset.
         """
         for name, number in (("dx", dx), ("dz", dz), ("dyaw", dyaw)):
             check_number(name, number, -_FARTHEST, _FARTHEST)

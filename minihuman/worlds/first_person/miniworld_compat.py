@@ -289,7 +289,7 @@ class MiniworldCompat:
         return list(self._pictures.visible(self.stage))
 
     def own_attributes(self: Any) -> frozenset[str]:
-        """Return the names of the attributes that the world's build() sets."""
+        """Return the names of the attributes that belong to the world's state and do not begin with an underscore."""
         return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:

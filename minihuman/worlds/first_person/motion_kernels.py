@@ -61,7 +61,7 @@ _PART = 0.5  # the length of a part of a move, as a share of the body's radius
 
 @device_function()
 def _find_nearest_wall(walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float, float]:
-    """Return the distance from (x, z) to the nearest point of a wall, and that point (x, z)."""
+    """Return the distance from (x, z) to the nearest point of a wall, and that point; infinity if there is no wall."""
     nearest = math.inf
     near_x = x
     near_z = z
@@ -199,7 +199,7 @@ def _slide(
 
 @device_function()
 def _get_changes(numbers: Numbers, has_moved: bool) -> int:
-    """Return the status of a move: whether the agent changed, and whether what it carries moved with it."""
+    """Return the status of a move: MOVED if the agent has moved or turned, and LOAD if it carries something."""
     status = 0
     if has_moved:
         status |= MOVED
@@ -314,7 +314,7 @@ def move_freely(
         sine = sine_after
     ahead_m = ahead * numbers[AHEAD]
     right_m = right * numbers[AHEAD] + ahead * numbers[DRIFT]
-    dx = cosine * ahead_m - -sine * right_m
+    dx = cosine * ahead_m - -sine * right_m  # the heading is (cosine, -sine); the order of terms is that of `rules`
     dz = -sine * ahead_m + cosine * right_m
     has_slid = _slide(things, numbers, walls, dx, dz, cosine, -sine)
     return _get_changes(numbers, has_slid or (has_turned and turn != 0.0))
@@ -342,7 +342,7 @@ def step_freely(
     numbers[STEPS] += 1.0
     draw_motion(numbers, rng_state)
     agent = int(numbers[AGENT])
-    heading = things[agent, DIR]
+    heading = things[agent, DIR]  # of which ``wave`` returns the cosine with 1, and the sine with 0
     after = heading + command[COMMAND_TURN] * (numbers[TURN_DEG] * RADIANS)
     status = move_freely(
         things, numbers, walls, command, wave(heading, 1), wave(heading, 0), wave(after, 1), wave(after, 0)
@@ -350,7 +350,7 @@ def step_freely(
     heading = things[agent, DIR]
     if action >= 0:
         draw_motion(numbers, rng_state)
-        motion = int(numbers[NAMED + action]) >> 3
+        motion = int(numbers[NAMED + action]) >> 3  # see `rules.NAMED`
         after = heading
         if motion <= TURN_RIGHT:
             angle = numbers[TURN_DEG] * RADIANS

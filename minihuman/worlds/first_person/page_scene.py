@@ -86,14 +86,14 @@ def describe(
     floor = env.stage.floor
     count = target.layout.thing_count
     pitch = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
-    shadows = len(entities) if count > len(entities) else 0
+    shadows = len(entities) if count > len(entities) else 0  # the number of the first shadow; 0 without shadows
     look = PageLook(entities, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
     things, numbers, rng_state = locate(env, look)
     outlines = [
         (room.outline.min_x, room.outline.max_x, room.outline.min_z, room.outline.max_z) for room in floor.rooms
     ]
     rooms = np.column_stack((floor.room_weights, outlines, floor.first_edge[:-1], floor.first_edge[1:]))
-    edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])
+    edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])  # the starts and the normals
     state = PageState(things, numbers, floor.walls, rng_state, rooms, edges, count)
     return state, cut_scene(target.layout, target.view.copy()), look
 
@@ -148,7 +148,11 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
 
 
 def _unpack_faces(floats: F64, wholes: I32) -> FaceTable:
-    """Return the face table that was packed into an array of floats and one of whole numbers."""
+    """Return the face table that was packed into an array of floats and one of whole numbers.
+
+    The whole numbers are the number of corners and that of faces, where the corners of each face begin and the last
+    ones end, and each face's texture.
+    """
     corners = int(wholes[0])
     faces = int(wholes[1])
     sizes = np.cumsum([3 * corners, 2 * corners, 3 * corners, 3 * faces, 4 * faces])
@@ -178,6 +182,7 @@ def _cut_faces(faces: FaceTable, first: int, last: int) -> FaceTable:
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
     """Return the pixels of a texture in its largest size, uint8[h, w, 3], with the first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
+    # ``extents`` has the width in its low 16 bits, and the height above them; a ring of one texel is around the pixels
     width = extents & 0xFFFF
     height = extents >> 16
     with_ring = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)

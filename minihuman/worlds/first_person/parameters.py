@@ -65,7 +65,11 @@ class Parameter:
 
 
 class Parameters:
-    """An immutable table of parameters by name."""
+    """An immutable table of parameters by name.
+
+    Raises:
+        WorldError: if a value is outside the parameter's `LIMITS`.
+    """
 
     __slots__ = ("_table",)
 
@@ -112,13 +116,13 @@ class Parameters:
             _ = self[name]  # raises an error if there is no such parameter
 
     def number(self, name: str, rng: np.random.Generator | None) -> float:
-        """Return a sampled value of a parameter that is one number."""
+        """Return a sampled value of a parameter that is one number, or its default without a random stream."""
         value = self[name].sample(rng)
         assert not isinstance(value, tuple), name
         return value
 
     def triple(self, name: str, rng: np.random.Generator | None) -> tuple[float, float, float]:
-        """Return a sampled value of a parameter that is three numbers."""
+        """Return a sampled value of a parameter that is three numbers, or its default without a random stream."""
         value = self[name].sample(rng)
         assert isinstance(value, tuple), name
         return value

@@ -44,7 +44,7 @@ _SHADOW_SHARES: dict[type[Entity], float] = {Box: 1.1, ImageFrame: 0.0, TextFram
 
 
 def build_light(stage: WorldState) -> Light:
-    """Return the light of an episode."""
+    """Return the light of an episode, which shines from where Miniworld's does; see `Light`."""
     x, y, z = stage.light_pos
     return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
 
@@ -57,7 +57,10 @@ def entity_places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.flo
 
 
 def shadow_places(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
+    """Return the places of entities' shadows, below the entities at ``places``; both are (n, 4) x, y, z, yaw_rad.
+
+    A row is NaN for an entity that is not on the ground.
+    """
     heights = np.array([stage.shadow_height((x, y, z)) for x, y, z in places[:, :3].tolist()], np.float64)
     below = np.where(np.isnan(heights)[:, None], np.nan, places)
     below[:, 1] = heights
@@ -74,7 +77,10 @@ def build_shadow(thing: Entity) -> ShadowLook:
 
 
 def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of a floor plan's rooms: floors, ceilings, pieces of wall, and openings."""
+    """Return the renderer's tables of a floor plan's rooms: floors, ceilings, pieces of wall, and openings.
+
+    For a ``display``, they also have the occluders that darken the rooms' corners.
+    """
     edges = floor.edges
     first = floor.first_edge
     heights = np.array([room.wall_height for room in floor.rooms])
@@ -87,7 +93,7 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
         shades = ()
     doors = floor.portals[floor.portals[:, 5] >= 0]  # those that lead into a room
     x, z = edges[:, :2].T
-    a, b = edges[:, 5:].T
+    a, b = edges[:, 5:].T  # the normals, into the rooms
     bounds = [extreme.reduceat(corner, first[:-1]) for extreme in (np.minimum, np.maximum) for corner in (x, z)]
     return faces, RoomTable(
         first_face,
@@ -103,7 +109,10 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
 
 
 def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
-    """Return the texture row of each room's floor, wall and ceiling, and the metres that it covers right and up."""
+    """Return the row of each room's textures, int64[rooms, 3], and the metres that each covers, float64[rooms, 3, 2].
+
+    The textures are those of floor, wall and ceiling; the row of a missing ceiling is -1. The metres are right and up.
+    """
     coverings = [_covering(room) for room in floor.rooms]
     rows: list[list[int]] = []
     sizes_m: list[list[tuple[float, float]]] = []
@@ -206,7 +215,7 @@ class WorldRenderer:
                 entity.measure(*asset_library(self.assets).mesh_extents(entity.mesh))
 
     def observation(self, stage: WorldState, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Draw the agent's view in the size of an observation, into ``out`` if given."""
+        """Return the agent's view in the size of an observation, uint8[H, W, 3], drawn into ``out`` if given."""
         return self.aim_target(stage).draw(out)
 
     def aim_target(
@@ -225,7 +234,11 @@ class WorldRenderer:
         return observed.aim_target()
 
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        """Return the agent's view, or the world from above with the agent in it."""
+        """Return the agent's view, or the world from above with the agent in it, as uint8[H, W, 3].
+
+        Raises:
+            WorldError: if a side of ``size_px`` (width, height) is below 1 or too long.
+        """
         if min(size_px) < 1:
             raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; each side must be 1 or more")
         if view == "partial":
@@ -242,7 +255,11 @@ class WorldRenderer:
         *,
         shows_agent: bool,
     ) -> NDArray[np.uint8]:
-        """Return a part of the world from above: the rooms of the tables, some entities, and perhaps the agent."""
+        """Return a part of the world from above, as uint8[H, W, 3] of the size ``size_px`` (width, height).
+
+        It shows the rooms whose tables the function ``tables`` returns for a library, the entities ``things``, and the
+        agent if ``shows_agent``.
+        """
         library = asset_library(self.assets)
         with library_lock:
             scene = add_things(
@@ -258,7 +275,7 @@ class WorldRenderer:
         return render_top(scene, *size_px, agent=agent)
 
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
-        """Return the depth of the agent's view in metres along its axis."""
+        """Return the depth of the agent's view in metres along its axis, float32[H, W]."""
         return render_depth(self.scene(stage), build_camera(stage), *size_px)
 
     def staged(

@@ -63,17 +63,17 @@ class RoomNames:
 
     @property
     def wall_tex_name(self) -> str:
-        """Return the texture of the walls."""
+        """Return the name of the walls' texture."""
         return self.wall
 
     @property
     def floor_tex_name(self) -> str:
-        """Return the texture of the floor."""
+        """Return the name of the floor's texture."""
         return self.floor
 
     @property
     def ceil_tex_name(self) -> str | None:
-        """Return the texture of the ceiling; None without a ceiling."""
+        """Return the name of the ceiling's texture; None without a ceiling."""
         return self.ceiling
 
     @property

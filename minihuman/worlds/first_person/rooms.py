@@ -270,7 +270,7 @@ class Joint(NamedTuple):
 def cut_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
     """Cut facing portals into two rooms, and return the passage between the rooms; None if the rooms touch.
 
-    The passage takes its textures from ``a``, and is as high as its portals.
+    The passage gets the number ``number`` and the textures of ``a``. ``top`` is the portals' height; None: the walls'.
 
     Raises:
         WorldError: if the rooms do not face each other, or the portal does not fit a wall.
@@ -492,7 +492,7 @@ def _finish_room(room: Room, rng: np.random.Generator | None) -> RoomPlan:
 
 
 def draw_variant(texture: str | None, rng: np.random.Generator) -> int:
-    """Draw the number of a picture of a texture; 0 without a texture."""
+    """Return the number, from 0, of a picture of a texture, drawn from a random stream; 0 without a texture."""
     if texture is None:
         return 0
     return int(rng.integers(texture_variants(texture)))

@@ -70,7 +70,7 @@ VELOCITY = GONE_ROW + 1  # of continuous motion with an acceleration: ahead and 
 ACCELERATION = VELOCITY + 2  # the largest change of velocity in a step; 0 for no limit
 ARGUMENTS = ACCELERATION + 1  # rows of the rule's things, then its numbers
 
-NEVER, GOAL, TAKE_ALL, PUT_NEXT, HEALTH, SIGN, FACE = range(7)  # rules; `termination` says what they are
+NEVER, GOAL, TAKE_ALL, PUT_NEXT, HEALTH, SIGN, FACE = range(7)  # rules; `termination_rules` says what they are
 # parts of a step
 ACT = 1
 JUDGE = 2
@@ -110,7 +110,7 @@ def _blocker(
     radius: float,
     single: bool,
 ) -> int:
-    """Return the row of the first entity that ``thing``, with ``radius``, would overlap at (x, z); WALL, or NOTHING."""
+    """Return the row of the first entity that ``thing`` would overlap at (x, z); WALL for a wall, NOTHING for none."""
     if touches_wall(walls, x, z, radius):
         return WALL
     for row in range(int(numbers[COUNT])):
@@ -186,7 +186,7 @@ def _move(
 ) -> int:  # the status
     agent = int(numbers[AGENT])
     carried = int64(numbers[CARRIED])
-    motion = int(numbers[NAMED + action]) >> 3
+    motion = int(numbers[NAMED + action]) >> 3  # see NAMED
     x = things[agent, X]
     z = things[agent, Z]
     status = 0
@@ -220,7 +220,7 @@ def _move(
             status = MOVED
     elif motion == PICKUP and carried < 0:
         radius = things[agent, RADIUS]
-        to_x = x + ahead_x * 1.5 * radius
+        to_x = x + ahead_x * 1.5 * radius  # 1.5 and 1.2 radii are Miniworld's reach of hands
         to_z = z + ahead_z * 1.5 * radius
         touched = _blocker(things, numbers, walls, agent, to_x, to_z, 1.2 * radius, False)
         if touched >= 0 and things[touched, STATIC] == 0.0:
@@ -247,7 +247,7 @@ def _reward_if(succeeds: bool, success: float) -> float:
 
 @device_function()
 def _is_in_forbidden_room(things: Things, numbers: Numbers, agent: int, own: int) -> bool:
-    """Return whether the agent is inside all edges of the rule's room; False if the rule has none."""
+    """Return whether the agent is in the room whose edges begin at ``numbers[own]``; False if the rule has no room."""
     inside = numbers[RULE_NUMBERS] > 0.0
     for k in range(own, own + int(numbers[RULE_NUMBERS]), 4):
         dx = things[agent, X] - numbers[k]
@@ -258,7 +258,10 @@ def _is_in_forbidden_room(things: Things, numbers: Numbers, agent: int, own: int
 
 @device_function()
 def _touch_sign(things: Things, numbers: Numbers, agent: int, own: int) -> float:
-    """Return 1 if the agent is near the right entity, -1 near a wrong one, 0 near none; the last one near counts."""
+    """Return 1 if the agent is near the right entity, -1 if near another of the rule's, and 0 if near none.
+
+    The right one is number ``numbers[own]``, from 0. If several are near, the last one counts.
+    """
     reward = 0.0
     for k in range(int(numbers[RULE_THINGS])):
         if _near(things, numbers, int(numbers[ARGUMENTS + k]), agent):
@@ -268,7 +271,7 @@ def _touch_sign(things: Things, numbers: Numbers, agent: int, own: int) -> float
 
 @device_function()
 def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: float, ahead_z: float) -> bool:
-    """Return whether a point ahead of the agent is within the rule's tolerance of its entity."""
+    """Return whether the rule's entity is within ``numbers[own + 1]`` of the point ``numbers[own]`` metres ahead."""
     goal = int(numbers[ARGUMENTS])
     dx = things[agent, X] + numbers[own] * ahead_x - things[goal, X]
     dz = things[agent, Z] + numbers[own] * ahead_z - things[goal, Z]
@@ -277,7 +280,7 @@ def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: floa
 
 @device_function()
 def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, named: int) -> int:
-    """Store the reward of a step, and return its status; a rule can remove an entity."""
+    """Store the reward of a step by action number ``named`` of ACTIONS, maybe remove an entity; return the status."""
     agent = int(numbers[AGENT])
     carried = int(numbers[CARRIED])
     rule = int(numbers[RULE])
@@ -385,7 +388,10 @@ def place_removed(
     rooms: NDArray[np.float64],
     edges: NDArray[np.float64],
 ) -> None:
-    """Place a removed entity at a random position where it touches nothing, as `WorldState.place` does."""
+    """Place a removed entity at a random position where it touches nothing, as `WorldState.place` does.
+
+    If no position is found, it stays removed.
+    """
     thing = int(numbers[COUNT])
     radius = things[thing, RADIUS]
     for _ in range(_MOST_TRIES):
@@ -446,7 +452,7 @@ def step(
 def look(
     things: Things, numbers: Numbers, places: NDArray[np.float64], view: NDArray[np.float64], width: int, height: int
 ) -> None:
-    """Write the entities' poses to ``places``, and the camera of a picture of a size to ``view``, as `RenderTarget`."""
+    """Write poses to ``places`` (NaN for absent entities) and a picture's camera to ``view``, as `RenderTarget`."""
     shadows = int(numbers[SHADOWS])
     for k in range(len(places)):
         for column in range(5):
@@ -457,7 +463,7 @@ def look(
             continue
         cosine = wave(things[row, DIR], 1)
         sine = wave(things[row, DIR], 0)
-        for at in (k, k + shadows):
+        for at in (k, k + shadows):  # the thing and, if it stands on the ground, its shadow
             if at > k and things[row, Y] != 0.0:
                 continue
             places[at, 0] = things[row, X]

@@ -107,7 +107,7 @@ class WorldState:
         x: tuple[float | None, float | None],
         z: tuple[float | None, float | None],
     ) -> None:
-        """Place an entity where it touches nothing, at a uniformly random position in a room, part of one, or anywhere.
+        """Place an entity at random where it touches nothing, in a room (None: in any) and in ranges (None: no limit).
 
         Raises:
             WorldError: if no free position is found.
@@ -166,7 +166,7 @@ class WorldState:
         return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
     def near(self, a: Entity, b: Entity) -> bool:
-        """Return whether two entities are within a step of touching."""
+        """Return whether the gap between two entities is below 1.1 times the longest step."""
         ax, ay, az = a.pos
         bx, by, bz = b.pos
         distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
@@ -322,7 +322,7 @@ class SteppedWorld(Protocol):
 
     @property
     def motions(self) -> Mapping[str, str]:
-        """Return the action of rules.ACTIONS that each action of another name does."""
+        """Return, for each action of another name, the action of rules.ACTIONS that it does."""
 
     def termination_rule(self) -> TerminationRule:
         """Return the rule for the reward of a step and the end of an episode."""
@@ -413,7 +413,7 @@ class FlatState:
             self._numbers[rules.VELOCITY], self._numbers[rules.VELOCITY + 1] = world.velocity
 
     def step(self, world: SteppedWorld, action: int, parts: int) -> int:
-        """Execute parts of a step, as `rules.act` does, and store its reward in ``reward``; call `refresh` before.
+        """Execute parts of a step as `rules.act` does; store its reward and return its status. Call `refresh` before.
 
         Action -1 is a move that is none of the world's actions; only its reward and the end can be computed.
         """

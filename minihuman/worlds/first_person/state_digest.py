@@ -39,8 +39,8 @@ def _stir_value(high_half: np.uint64, low_half: np.uint64, word: np.uint64) -> t
 def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome: NDArray[np.uint64]) -> np.uint64:
     """Return the digest of the state after a step.
 
-    ``outcome`` is the bits of the reward as a float64, and how the episode ended: 0 not at all, 1 terminated, 2
-    truncated.
+    ``outcome`` is uint64[2]: the bits of the reward as a float64, and how the episode ended: 0 not at all, 1
+    terminated, 2 truncated.
     """
     high_half = _A
     low_half = _B

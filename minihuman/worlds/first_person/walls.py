@@ -93,6 +93,7 @@ def _turn(edges: F64, parts: F64, corners: F64) -> None:
     """Write the corners of pieces or portals to ``corners``, in the order of `corners_of`."""
     for part in range(len(parts)):
         edge = int(parts[part, 0])
+        # corners 0 and 1 are at the part's start, and 2 and 3 at its end; 1 and 2 are at its top
         for nth in range(4):
             along = parts[part, 1 + nth // 2]
             corner = corners[part, nth]
@@ -182,7 +183,7 @@ def _fill(
             for nth in range(4):
                 for axis in range(3):
                     table[row, axis] = uprights[piece, nth, axis]
-                table[row, 3] = pieces[piece, 1 + nth // 2] / sizes_m[room, WALL, 0]
+                table[row, 3] = pieces[piece, 1 + nth // 2] / sizes_m[room, WALL, 0]  # corners as in `_turn`
                 table[row, 4] = uprights[piece, nth, 1] / sizes_m[room, WALL, 1]
                 table[row, 5] = edges[edge, 5]
                 table[row, 6] = 0.0

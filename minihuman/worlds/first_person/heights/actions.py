@@ -1,6 +1,6 @@
 """The effects of the eight actions in a building: as in flat rooms, but for what heights change.
 
-A move happens completely or not at all. Who lets go of a thing drops it to the floor below.
+A move happens completely or not at all. A thing that the agent puts down lies on the floor below it.
 """
 
 import math
@@ -71,7 +71,7 @@ def _pick_up(stage: BuildingState) -> None:
 
 
 def _drop(stage: BuildingState, load: Entity) -> None:
-    """Put what the agent carries on the floor below it; change nothing if there is none."""
+    """Put what the agent carries on the floor below it; change nothing if there is no floor."""
     height = stage.floor_below(load.pos)
     if height is None or math.isnan(height):
         return

@@ -142,7 +142,7 @@ class BuildingEnv(FirstPersonEnv):
             up: the direction in which they rise: "east" (along x), "west", "south" (along z) or "north".
             floor_y: the height at their foot.
             top_y: the height at their head.
-            steps: the number of steps up; None for steps of at most 0.18 m.
+            steps: the number of steps up; None for the fewest steps that are at most 0.18 m high.
             looks: ``height`` up to the ceiling, and the textures ``floor``, ``wall`` and ``ceiling``.
 
         Raises:
@@ -230,14 +230,14 @@ class BuildingEnv(FirstPersonEnv):
         check_reach(self.stage)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return a path to the goal of ``near_goal``; () if none is found, None with another termination rule."""
+        """Return the actions of a path to the goal of ``near_goal``; () if none is found, None with another rule."""
         rule = self.termination_rule()
         if rule.kind != GOAL:
             return None
         return plan(self, rule.things[0]) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return bounds on the number of steps to the goal of ``near_goal``."""
+        """Return bounds on the number of steps to the goal of ``near_goal``; unknown with another termination rule."""
         rule = self.termination_rule()
         if rule.kind != GOAL:
             return UNKNOWN_BOUNDS

@@ -48,7 +48,7 @@ def build_stairs(
         sides: the rectangle in which they lie, min_x, max_x, min_z, max_z.
         up: the direction in which they rise.
         heights: at their foot and at their head.
-        steps: the number of steps up; there is one tread less. None for as many as are at most `STEP_M` high.
+        steps: the number of steps up; there is one tread less. None for the fewest that are at most `STEP_M` high.
         step_height: the highest step that a body climbs.
         looks: textures, and the height of the ceiling.
 
@@ -80,7 +80,8 @@ def _count_steps(low: float, high: float, steps: int | None, step_height: float)
     Args:
         low: the lower height.
         high: the upper height.
-        steps: the number that the author wants; None for the fewest steps that are at most `STEP_M` high.
+        steps: the number that the author wants; None for the fewest steps, at least 2, that a body climbs and that are
+            at most `STEP_M` high.
         step_height: the highest step that a body climbs.
 
     Raises:
@@ -127,14 +128,18 @@ def _read_heights(heights: tuple[float, float], structure: str) -> tuple[float, 
 
 
 def _find_direction(up: str) -> tuple[int, int]:
-    """Return the axis and sign of a direction; raise a WorldError for an unknown one."""
+    """Return the axis (0 for x, 1 for z) and sign (1 or -1) of a direction; raise a WorldError for an unknown one."""
     if up not in _DIRECTIONS:
         raise WorldError(f"up is {up!r}; use {', '.join(map(repr, _DIRECTIONS))}")
     return _DIRECTIONS[up]
 
 
 def _slope(sides: Rectangle, up: str, heights: tuple[float, float]) -> Plane:
-    """Return the plane that rises in a direction, from one height to another within a rectangle."""
+    """Return the plane that rises in a direction from the first height to the second within a rectangle.
+
+    Raises:
+        WorldError: if the direction is unknown, or the sides make no rectangle.
+    """
     axis, sign = _find_direction(up)
     start, end = sides[2 * axis : 2 * axis + 2]
     rectangle(*sides)  # raises an error if the sides make no rectangle

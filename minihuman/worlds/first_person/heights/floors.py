@@ -44,7 +44,9 @@ def building_map(stage: BuildingState) -> Map:
 def draw_floor(
     renderer: WorldRenderer, stage: BuildingState, floor: int, size_px: tuple[int, int], palette: Palette
 ) -> NDArray[np.uint8]:
-    """Return the plan of one floor from above, with what stands there, and the agent if it is there.
+    """Return a picture of one floor from above, with what stands there and the agent if it is there.
+
+    The picture is uint8[H, W, 3] of exactly ``size_px`` (width, height).
 
     Raises:
         WorldError: if there is no such floor.

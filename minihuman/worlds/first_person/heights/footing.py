@@ -27,7 +27,7 @@ class Walker(NamedTuple):
     radius: float
     height: float
     step: float  # the highest step up or down
-    fall: float  # the deepest edge over which it goes; no less than a step
+    fall: float  # the deepest edge over which it falls; it falls from none if this is no more than a step
 
 
 class Footing(NamedTuple):
@@ -38,7 +38,10 @@ class Footing(NamedTuple):
 
 
 def room_below(plan: SectorPlan, x: float, z: float, height: float) -> int | None:
-    """Return the sector whose floor is the highest one at or below a height over a point; None if there is none."""
+    """Return the number of the sector whose floor is the highest one at or below a point; None if there is none.
+
+    ``height`` is the y of the point. Over a hole in a floor, the floor below it counts.
+    """
     best: int | None = None
     best_floor = -math.inf
     for number, room in enumerate(plan.rooms):
@@ -161,7 +164,7 @@ def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Wa
 
 
 def find_solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
-    """Yield the walls, and the edges over which it does not go, that a body at (x, z) in a sector overlaps."""
+    """Yield the segments of walls, and of edges that stop a body, which a body at (x, z) in a sector overlaps."""
     waiting = [room]
     reached = {room}
     for number in waiting:  # the loop appends to it
@@ -204,7 +207,7 @@ def _hole_edges(sector: PlannedSector, x: float, z: float, body: Walker) -> Iter
 def _find_blocked_parts(
     edge: OutlineEdge, free: list[tuple[float, float]], x: float, z: float, radius: float
 ) -> Iterator[Segment]:
-    """Yield the parts of an edge between its free intervals (from, to) that a circle overlaps."""
+    """Yield the parts of an edge outside its free intervals (from, to) that a circle around (x, z) overlaps."""
     free_until = 0.0
     for start, end in [*sorted(free), (edge.length, edge.length)]:
         if start - free_until > _ROUNDING_M:
@@ -217,7 +220,7 @@ def _find_blocked_parts(
 
 
 def _is_near(edge: OutlineEdge, along: float, x: float, z: float, radius: float) -> bool:
-    """Return whether a circle overlaps a point of an edge."""
+    """Return whether a circle around (x, z) contains the point at a distance along an edge."""
     px, pz = edge.at(along)
     return math.sqrt((px - x) ** 2 + (pz - z) ** 2) < radius
 

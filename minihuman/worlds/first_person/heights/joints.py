@@ -22,13 +22,16 @@ _NOWHERE: Segment = (1e6, 1e6, 1.0, 0.0, 0.0)  # too far from a face to darken i
 
 
 def floor_joints(plan: SectorPlan, number: int) -> list[Segment]:
-    """Return the segments at which pieces of wall meet a sector's floor, and floors that continue it at its height."""
+    """Return the segments at which walls meet a sector's floor or a neighbour's floor that continues it, level with it.
+
+    Low pieces of wall are left out.
+    """
     rooms = _find_level_sectors(plan, number)
     return [segment for room in rooms for segment in _find_joints(plan, room, is_floor=True)]
 
 
 def ceiling_joints(plan: SectorPlan, number: int) -> list[Segment]:
-    """Return the segments at which pieces of wall meet a sector's ceiling."""
+    """Return the segments at which pieces of wall that are not low meet a sector's ceiling."""
     return list(_find_joints(plan, number, is_floor=False))
 
 
@@ -59,7 +62,7 @@ def _is_low(piece: WallPiece) -> bool:
 
 
 def _meets(room: PlannedSector, piece: WallPiece, *, is_floor: bool) -> bool:
-    """Return whether a piece of wall stands on the floor, or reaches to the ceiling."""
+    """Return whether a piece of wall stands on the floor or, without ``is_floor``, reaches to the ceiling."""
     edge = room.outline.edges[piece.edge]
     plane = room.floor_plane if is_floor else room.ceiling_plane
     heights = piece.bottom if is_floor else piece.top
@@ -88,7 +91,10 @@ def wall_joints(plan: SectorPlan, number: int, piece: WallPiece) -> list[Segment
 
 
 def _corner_heights(plan: SectorPlan, number: int) -> tuple[set[tuple[int, float]], set[tuple[int, float]]]:
-    """Return the edges with a piece of wall at their start, and those with one at their end, each with its height."""
+    """Return the edges with a piece of wall at their start, and those with one at their end.
+
+    Each is given as the edge's number and the height of the piece's lower end there. Low pieces are left out.
+    """
     room = plan.rooms[number]
     pieces = [piece for piece in plan.pieces[number] if not _is_low(piece)]
     starts = {(piece.edge, piece.bottom[0]) for piece in pieces if piece.start == 0.0}
@@ -115,7 +121,7 @@ class OccludedFace(NamedTuple):
 
 
 def occluder_table(faces: Sequence[OccludedFace]) -> tuple[I32, F64]:
-    """Return the arrays ``first_occluder`` and ``occluder`` of a `RoomTable`."""
+    """Return the arrays ``first_occluder`` and ``occluder`` of a `RoomTable`; a face without any gets a far segment."""
     rows = []
     starts = [0]
     for face in faces:

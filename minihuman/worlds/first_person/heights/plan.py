@@ -233,7 +233,7 @@ def _cut_column(
 
 
 def _is_whole(room: PlannedSector, piece: WallPiece) -> bool:
-    """Return whether a piece of wall reaches from the floor to the ceiling."""
+    """Return whether a piece of wall reaches from the floor to the ceiling, judged at its start."""
     edge = room.outline.edges[piece.edge]
     x, z = edge.at(piece.start)
     return piece.bottom[0] == room.floor_plane.at(x, z) and piece.top[0] == room.ceiling_plane.at(x, z)

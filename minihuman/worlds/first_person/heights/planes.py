@@ -43,7 +43,7 @@ def slope_between(axis: int, low: float, high: float, low_y: float, high_y: floa
 
 
 def area_of(corners: Sequence[Point]) -> float:
-    """Return the area in m² of a polygon."""
+    """Return the area in m² of a polygon with the corners (x, z)."""
     twice_area = 0.0
     for (ax, az), (bx, bz) in zip(corners, [*corners[1:], *corners[:1]], strict=True):
         twice_area += ax * bz - bx * az
@@ -51,7 +51,7 @@ def area_of(corners: Sequence[Point]) -> float:
 
 
 def cut_area(corners: Sequence[Point], at_zero: float, per_x: float, per_z: float) -> list[Point]:
-    """Return the part of a convex area in which ``at_zero + per_x * x + per_z * z`` is not below 0."""
+    """Return the corners of the part of a convex area in which ``at_zero + per_x * x + per_z * z`` is 0 or more."""
     kept: list[Point] = []
     for a, b in zip(corners, [*corners[1:], *corners[:1]], strict=True):
         side_a = at_zero + per_x * a[0] + per_z * a[1]
@@ -77,7 +77,7 @@ def common_area(a: Area, b: Area) -> list[Point]:
 
 
 def cut_where_above(corners: Sequence[Point], upper: Plane, lower: Plane, margin_m: float) -> list[Point]:
-    """Return the part of a convex area in which one plane is above another by more than a margin."""
+    """Return the corners of the part of a convex area in which one plane is above another by at least a margin."""
     return cut_area(
         corners, upper.height - lower.height - margin_m, upper.rise_x - lower.rise_x, upper.rise_z - lower.rise_z
     )

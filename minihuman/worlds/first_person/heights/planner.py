@@ -45,7 +45,7 @@ _NO_ZONES = np.zeros((0, 0, 4))
 
 
 def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
-    """Return actions that bring the agent, or what it carries, near the goal; None if none were found.
+    """Return the numbers of actions that bring the agent, or what it carries, near the goal; None if none were found.
 
     At the goal, the plan is one action, since a world checks after a step. If step length and turn vary, the plan uses
     their defaults.
@@ -118,7 +118,7 @@ def _is_at(stage: BuildingState, goal: Entity) -> bool:
 
 
 def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
-    """Return the sector over which a goal is, and its x and z.
+    """Return the number of the sector in which a goal is, and its x and z.
 
     Raises:
         WorldError: if there is no floor below it.
@@ -131,7 +131,7 @@ def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
 
 
 def _reach(stage: BuildingState, goal: Entity) -> float:
-    """Return the distance in the plan at which the agent, or what it puts down, is near the goal."""
+    """Return the distance in the plan, in metres, below which the agent, or what it puts down, is near the goal."""
     mover = stage.agent.carrying or stage.agent
     threshold = float(goal.radius + mover.radius + 1.1 * stage.reach)  # as in `WorldState.near`
     room, x, z = _goal_place(stage, goal)
@@ -154,7 +154,7 @@ def _find_leg(stage: BuildingState, goal: Entity, n_moves: int, avoid: frozenset
     else:
         target = (*_choose_entry(route, n_route), _AT_ENTRY_M)
     load = agent.carrying
-    body = Body(
+    body = Body(  # which may step back only with a load: there may be no room to turn before
         stage.parameters.number("forward_step", None),
         math.radians(stage.parameters.number("turn_step", None)),
         float(agent.radius) + _MARGIN_M,
@@ -278,7 +278,7 @@ def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> ND
 
 
 def _list_obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float64]:
-    """Return the entities that stand in some sectors: x, z, and the distances that the agent and its load keep."""
+    """Return a row for each entity in some sectors: x, z, and the distances (m) that the agent and its load keep."""
     agent = stage.agent
     load = agent.carrying
     rows = []

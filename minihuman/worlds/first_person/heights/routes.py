@@ -36,7 +36,10 @@ def find_route(
     body: Walker,
     avoid: Collection[int],
 ) -> Route | None:
-    """Return the shortest route from a start to a goal (sector, x, z) that avoids some sectors; None without any."""
+    """Return the shortest route from a start to a goal, both (sector, x, z); None if there is none.
+
+    It is the shortest one over `_POINTS` of the openings, and does not enter the sectors in ``avoid``.
+    """
     waiting: list[tuple[float, int, Node]] = [(0.0, 0, (start[0], (start[1], start[2])))]
     parents: dict[Node, Node | None] = {waiting[0][2]: None}
     reached = {waiting[0][2]: 0.0}

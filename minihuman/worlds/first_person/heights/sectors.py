@@ -105,7 +105,7 @@ class Flight(NamedTuple):
     sectors: tuple[Sector, ...]
 
     def nearest_end(self, height: float) -> Sector:
-        """Return the end whose level is nearer to a height."""
+        """Return the lower or the upper end, whichever is nearer to a height."""
         low, high = self.bottom.levels
         if abs(height - low) <= abs(high - height):
             return self.bottom
@@ -130,10 +130,10 @@ def connect_sectors(
     Args:
         a: a sector.
         b: another sector.
-        limits: from which to which x or z the opening lies; without any, as far as the two walls face each other.
+        limits: the range of x or z in which the opening lies; without any, as far as the two walls face each other.
         min_y: the lowest height of the opening; None for the higher of the two floors.
         max_y: the highest height; None for the lower of the two ceilings.
-        number: the number of a passage.
+        number: the number that a passage gets.
 
     Raises:
         WorldError: if the walls do not face each other, or no opening of the limits and heights fits them.
@@ -171,7 +171,7 @@ def find_facing_walls(a: Sector, b: Sector, limits: OpeningLimits) -> FacingWall
 
 
 def _match_edges(index_a: int, edge_a: OutlineEdge, index_b: int, edge_b: OutlineEdge) -> FacingWalls | None:
-    """Return the parts of two edges that face each other, with the gap between them; None if they face away."""
+    """Return the parts of two edges that face each other, with the gap between them; None if there are none."""
     nx, nz = edge_a.normal
     if nx * edge_b.normal[0] + nz * edge_b.normal[1] > -_PARALLEL:
         return None

@@ -89,7 +89,10 @@ def _find_free_position(stage: BuildingState, x: float, z: float) -> Position | 
 
 
 def _push_out(stage: BuildingState, x: float, z: float) -> tuple[float, float]:
-    """Return a point near (x, z) at which the agent no longer overlaps the wall or thing that it overlaps most."""
+    """Return a point near (x, z) at which the agent no longer overlaps the wall or thing that it overlaps most.
+
+    That is (x, z) itself if it lies on a wall.
+    """
     near_x, near_z, reach = _find_deepest(stage, x, z)
     away_x = x - near_x
     away_z = z - near_z

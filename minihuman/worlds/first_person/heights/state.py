@@ -86,14 +86,24 @@ class BuildingState(WorldState):
     def connect_sectors(
         self, a: Sector, b: Sector, limits: OpeningLimits, *, min_y: float | None, max_y: float | None
     ) -> None:
-        """Open the walls with which two sectors face each other, and add a passage if there is a gap between them."""
+        """Open the walls with which two sectors face each other, and add a passage if there is a gap between them.
+
+        The arguments are those of `sectors.connect_sectors`.
+
+        Raises:
+            WorldError: if the walls or heights do not permit the opening, or the plan is finished already.
+        """
         self._check_open()
         gap_room = connect_sectors(a, b, limits, min_y=min_y, max_y=max_y, number=len(self._rooms))
         if gap_room is not None:
             self._rooms.append(gap_room)
 
     def open_hole(self, upper: Sector, lower: Sector, hole: tuple[float, float, float, float]) -> None:
-        """Cut a hole into the floor of one sector and the ceiling of the one below."""
+        """Cut a hole (min_x, min_z, max_x, max_z) into the floor of one sector and the ceiling of the one below.
+
+        Raises:
+            WorldError: if the hole does not fit the two, or the plan is finished already.
+        """
         self._check_open()
         open_hole(upper, lower, hole)
 
@@ -270,5 +280,5 @@ class BuildingState(WorldState):
         return None
 
     def _at_common_height(self, bottom: float, top: float, entity: Entity) -> bool:
-        """Return whether an entity has a height between ``bottom`` and ``top``."""
+        """Return whether a part of an entity lies between the heights ``bottom`` and ``top``, in metres."""
         return entity.pos[1] < top and bottom < entity.pos[1] + entity.height

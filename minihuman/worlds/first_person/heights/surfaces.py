@@ -160,6 +160,7 @@ def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
             for area in _areas_around(room.outline.corners, room.ceiling_holes)
         ]
     surfaces += [_wall_surface(room, piece, _piece_texture(plan, number, piece)) for piece in plan.pieces[number]]
+    # the first five fields of an opening are those of a piece of wall in its place
     openings = [Opening(_upright_corners(room, WallPiece(*opening[:5])), opening.into) for opening in room.openings]
     openings += [Opening(_hole_corners(hole, room.floor_plane, is_floor=True), hole.into) for hole in room.floor_holes]
     openings += [
@@ -196,7 +197,7 @@ def _level_surface(area: Area, plane: Plane, texture: str, *, is_floor: bool) ->
 
 
 def _piece_texture(plan: SectorPlan, number: int, piece: WallPiece) -> str:
-    """Return the texture of a piece of wall; a piece below an opening onto stairs, their first riser, has theirs."""
+    """Return the texture of a piece of wall; the first riser of stairs, below an opening onto them, has theirs."""
     room = plan.rooms[number]
     for opening in room.openings:
         is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end

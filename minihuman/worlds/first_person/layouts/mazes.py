@@ -45,7 +45,7 @@ class _Fork(GoalEnv):
         self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), room=room)
 
     def info(self) -> dict[str, Any]:
-        """Return the position of the box."""
+        """Return the position of the box as "goal_pos", float64[3]: x, y, z."""
         return {"goal_pos": np.array(self.box.pos)}
 
 
@@ -143,7 +143,7 @@ def _directions(picks: list[int]) -> list[tuple[int, int]]:
 
 
 def _rotate(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
-    """Return an outline rotated about the origin, clockwise as seen from above."""
+    """Return an outline rotated about the origin by an angle in degrees, counter-clockwise as seen from above."""
     half_rad = degrees * (math.pi / 180) / 2.0
     # by the half angle, as Miniworld computes a rotation matrix, so that corners have the same bits
     cosine_half = math.cos(half_rad)

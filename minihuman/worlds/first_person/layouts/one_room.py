@@ -177,5 +177,5 @@ _N_KITS = 18
 
 
 def _any_colour(world: FirstPersonEnv) -> str:
-    """Draw a colour from the world's random stream."""
+    """Return the name of a colour, drawn from the world's random stream."""
     return COLOUR_NAMES[world.np_random.integers(len(COLOUR_NAMES))]

@@ -47,6 +47,7 @@ class Sign(FirstPersonEnv):
         right = self.add_rect_room(min_x=size * 3 / 5, max_x=size, min_z=middle + _GAP, max_z=size * 1.3)
         self.connect_rooms(top, left, min_x=0, max_x=size * 3 / 5)
         self.connect_rooms(left, right, min_z=middle + _GAP, max_z=size * 1.3)
+        # the things stand at fixed places (x, y, z), whatever the size of the corridor
         boxes = [
             self.place_entity(Box(colour), pos=pos)
             for colour, pos in zip(_COLOURS, ((1, 0, 1), (9, 0, 1), (9, 0, 5)), strict=True)
@@ -86,5 +87,5 @@ class Sign(FirstPersonEnv):
         return (keys if self.goal else boxes)[self.color_index]
 
     def observe(self) -> Any:
-        """Return the picture and the goal."""
+        """Return the picture ("obs") and the number of the goal's kind ("goal") in a dict."""
         return {"obs": super().observe(), "goal": self.goal}

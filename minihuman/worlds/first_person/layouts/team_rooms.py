@@ -40,6 +40,7 @@ class _SharedRooms(FourRooms):
         """Build the rooms, and place the agent and the figures."""
         super().build()
         self.inside = 0  # the body in whose place the agent is
+        # widths, heights and depths in metres
         self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
         self.faces = [Box("grey", (0.2, 0.3, 0.36)) for _ in self.colours]
         for body, (figure, face) in enumerate(zip(self.figures, self.faces, strict=True)):
@@ -78,6 +79,9 @@ class _SharedRooms(FourRooms):
         """Make one joint step in which bodies act one after another; return rewards by body, terminated and truncated.
 
         The body that acts first changes with every step.
+
+        Raises:
+            WorldError: if no episode is running.
         """
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
@@ -143,13 +147,13 @@ class TeamRooms(TeamWorld):
         return self._draw_from_body(body, self._env.see)
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Return what the person in a body sees, in exactly the given size."""
+        """Return what the person in a body sees, uint8[height, width, 3]."""
         return self._draw_from_body(
             body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette)
         )
 
     def _draw_from_body(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """Draw a picture while the agent is in a body's place."""
+        """Return the picture that ``draw`` draws while the agent is in a body's place."""
         self._env.enter(check_whole("body", body, 0, self.bodies - 1))
         picture = draw()
         self._env.enter(0)

@@ -118,11 +118,11 @@ class ExploredFloor:
         self._distance = None
 
     def step_to(self, thing: Entity) -> str | None:
-        """Return the move towards a thing that was seen; None if no path is known."""
+        """Return the name of the next move towards a thing that was seen; None if no path is known."""
         return self._step(self._cell(thing.pos[0], thing.pos[2]))
 
     def step_to_see_more(self, noise: Noise) -> str | None:
-        """Return the move towards the most promising view of unseen floor; None if nothing more can be seen.
+        """Return the name of the next move towards the most promising view; None if no more floor can be seen.
 
         Places whose view is out of reach are given up. The function ``noise`` returns errors of judgement.
         """
@@ -191,7 +191,7 @@ class ExploredFloor:
         return candidates[best], float(looks[best, 1]), float(looks[best, 2])
 
     def _step(self, target: tuple[int, int]) -> str | None:
-        """Return the move towards a cell, around obstacles that were seen; None if there is none."""
+        """Return the next move towards a cell, around obstacles that were seen; None if there is none."""
         free = self._find_free_cells()
         start = self._current_cell()
         free[start] = free[target] = True
@@ -261,7 +261,7 @@ class ExploredFloor:
 
         Args:
             thing: the thing.
-            eye: the position (x, z) of the agent's camera.
+            eye: the camera's x, z and yaw, and the tangent of half of its horizontal angle of view.
             tangent: the tangent of half of the camera's vertical angle of view.
         """
         agent = self._world.agent
@@ -297,7 +297,7 @@ class ExploredFloor:
         return min(max(column, 0), self.seen.shape[0] - 1), min(max(row, 0), self.seen.shape[1] - 1)
 
     def _find_unseen_around(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
-        """Return a cell and those of its neighbours that have not been seen."""
+        """Return a cell and those of its eight neighbours that have not been seen."""
         column, row = cell
         return [
             (c, r)

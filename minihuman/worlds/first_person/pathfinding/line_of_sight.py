@@ -42,7 +42,7 @@ def mark_seen(
     in_view[:] = False
     new = 0
     for ray in range(rays):
-        yaw = eye[2] + math.atan(eye[3] * (2 * ray / (rays - 1) - 1))
+        yaw = eye[2] + math.atan(eye[3] * (2 * ray / (rays - 1) - 1))  # evenly spaced across the picture
         along_x = math.cos(yaw)
         along_z = -math.sin(yaw)
         far = _to_wall(walls, discs, eye[0], eye[1], along_x, along_z)
@@ -112,7 +112,7 @@ def _to_wall(
 
 @kernel("(int8[:, ::1], int64, int64, float64)")
 def unseen_around(explored: NDArray[np.int8], column: int, row: int, cell: float) -> NDArray[np.float64]:
-    """Return the unseen floor that would be visible from a cell, by bearing (counter-clockwise from +x), in m²."""
+    """Return the unseen floor visible from a cell in m², float64[BEARINGS], by bearing counter-clockwise from +x."""
     columns, rows = explored.shape
     areas_m2 = np.zeros(BEARINGS)
     for bearing in range(BEARINGS):

@@ -42,7 +42,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     length and turn vary, the plan uses their defaults: plan again after a few steps.
 
     Raises:
-        WorldError: if the world lacks a turn or the forward step.
+        WorldError: if the world lacks a turn or the forward step, has heights, or is too large.
     """
     stage = world.stage
     moves = read_moves(world)
@@ -86,6 +86,9 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     The bound is 1 at the goal, since a world checks after a step. The distance is that of the shortest path of a point
     around the walls, divided by the world's longest step. Obstacles, most of the body's width, and later turns are
     ignored.
+
+    Raises:
+        WorldError: if the world has heights.
     """
     stage = world.stage
     x, _, z = stage.agent.pos
@@ -113,7 +116,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
 
 
 def read_moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back.
+    """Return the numbers of the world's actions for a left turn, a right turn, a step and, if it exists, a step back.
 
     Raises:
         WorldError: if the world lacks a turn or the forward step.
@@ -152,7 +155,10 @@ def _get_lowest(stage: WorldState, name: str) -> float:
 
 
 def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
-    """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
+    """Return the ground distance between centres, in metres, below which a mover is near the goal.
+
+    ``mover`` is a thing that the agent puts down on the floor; None for the agent.
+    """
     _check_flat(stage)
     height = stage.agent.pos[1] if mover is None else 0.0
     threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)  # as in `WorldState.near`
@@ -347,7 +353,7 @@ def take_action(world: "FirstPersonEnv", action: int, actions: list[int]) -> boo
 
 
 def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
-    """Return the turns after which the agent faces a thing as closely as possible."""
+    """Return the numbers of the turns after which the agent faces a thing as closely as possible."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
     bearing_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)

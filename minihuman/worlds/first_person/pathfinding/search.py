@@ -82,7 +82,7 @@ def clearance_map(
     cell: float,
     radius: float,
 ) -> NDArray[np.bool_]:
-    """Return the cells of a grid over ``bounds`` (x0, z0, x1, z1) in which a body of a radius can stand.
+    """Return a mask of the cells (column, row) over ``bounds`` (x0, z0, x1, z1) in which a body of a radius can stand.
 
     ``discs`` are (n, 3 or more): x, z and the distance that the body's middle keeps from there. ``zones`` are (rooms,
     edges, 4): convex areas that it avoids, each edge given by a point on it and its inward normal.
@@ -181,7 +181,7 @@ def _measure(
                 waiting = push(keys, numbers, waiting, 0.0, column * rows + row)
     while waiting > 0:
         reached = keys[0]
-        column = numbers[0] // rows
+        column = numbers[0] // rows  # the number of a cell is column * rows + row
         row = numbers[0] % rows
         waiting = drop_first(keys, numbers, waiting)
         if reached > distance[column, row]:
@@ -277,7 +277,7 @@ def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: 
 
 @device_function(nogil=True)
 def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
-    """Return a positive number left of the line from a to b, a negative one right of it, and 0 within rounding."""
+    """Return a number above 0 on one side of the line from a to b, below 0 on the other, and 0 on it when rounded."""
     turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
     return 0.0 if abs(turn) < 1e-9 else turn
 
@@ -296,7 +296,7 @@ class Body(NamedTuple):
     step: float
     turn: float
     radius: float
-    moves: int  # the number of moves: 4 if it can step back, else 3
+    moves: int  # the number of moves: 4 if it may step back, else 3
     ahead: float  # from its middle to the middle of what it carries
     carried: float  # the radius of what it carries
 
@@ -333,7 +333,7 @@ def search(
     ``distance`` comes from ``distance_map`` over cells of size ``cell``.
     """
     most = _MOST_STOPS
-    stops = Stops(
+    stops = Stops(  # in the order of its fields
         *(np.empty(most), np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)),
         *(np.empty(most, np.int8), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)),
     )
@@ -376,7 +376,7 @@ def _search(
     stops.cost[0] = 0
     count = 1
     waiting = push(stops.keys, stops.numbers, 0, 0.0, 0)
-    while waiting > 0 and count < len(stops.x) - 3:
+    while waiting > 0 and count < len(stops.x) - 3:  # so that there is room for four moves from a stop
         stop = stops.numbers[0]
         waiting = drop_first(stops.keys, stops.numbers, waiting)
         x = stops.x[stop]

@@ -50,7 +50,7 @@ class OwnAssets(Assets):
         return Texture(scale_to_brightness(recipe(seed), brightness), (width_m, height_m))
 
     def mesh(self, name: str) -> MeshData:
-        """Return a built-in mesh."""
+        """Return the built-in mesh of a name; raise a WorldError if there is none."""
         return mesh_named(name)
 
 
@@ -60,7 +60,11 @@ def own_library() -> Library:
 
 
 def _draw_letter(letter: str, variant: int) -> Texture:
-    """Draw a dark character on paper; the variants differ in the colours of ink and paper."""
+    """Return a texture of a dark character on paper; the variants differ in the colours of ink and paper.
+
+    Raises:
+        WorldError: if there is no such variant.
+    """
     if not 1 <= variant <= _LETTER_STYLES:
         raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
     paper = 250 - 9 * (variant - 1)
@@ -203,7 +207,11 @@ def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> lis
 
 
 def _parse_corner(word: str, lines: _ObjLines, path: Path, number: int) -> tuple[int, int | None, int]:
-    """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
+    """Return the indices of a corner's vertex, texture place (None if it has none) and normal, counted from 0.
+
+    Raises:
+        WorldError: if ``word`` names no normal, or refers to a line that does not exist.
+    """
     parts = word.split("/")
     if len(parts) == 2:
         vertex, place, normal = parts[0], "", parts[1]
@@ -219,7 +227,7 @@ def _parse_corner(word: str, lines: _ObjLines, path: Path, number: int) -> tuple
 
 
 def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> int:
-    """Parse a number that refers to one of ``count`` earlier lines; return it counted from 0."""
+    """Return a number that refers to one of ``count`` earlier lines, counted from 0; raise a WorldError for another."""
     try:
         index = int(word)
     except ValueError:
@@ -320,7 +328,11 @@ _READERS = {".obj": read_obj, ".glb": read_glb}
 
 
 class FolderAssets(Assets):
-    """The textures and meshes in a folder, and the built-in ones for names that the folder lacks."""
+    """The textures and meshes in a folder, and the built-in ones for names that the folder lacks.
+
+    Raises:
+        WorldError: if the folder has neither a folder of textures nor one of meshes.
+    """
 
     def __init__(self, folder: Path) -> None:
         if not any((folder / part).is_dir() for part in ("textures", "meshes")):
@@ -337,7 +349,13 @@ class FolderAssets(Assets):
         return {file.stem: file for file in files if file.suffix in _READERS}
 
     def texture(self, name: str) -> Texture:
-        """Read a PNG of the folder, 512 texels per metre; ``NAME.png`` is also a texture's first variant, "NAME_1"."""
+        """Return a PNG of the folder, 512 texels per metre, or else the built-in texture of that name.
+
+        ``NAME.png`` is also a texture's first variant, "NAME_1".
+
+        Raises:
+            WorldError: if there is no such texture, or the file is not an image.
+        """
         path = self._texture_file(name)
         if path is None:
             try:
@@ -353,7 +371,7 @@ class FolderAssets(Assets):
         return Texture(pixels, (width / TEXELS_A_METRE, height / TEXELS_A_METRE))
 
     def mesh(self, name: str) -> MeshData:
-        """Read an OBJ or GLB file of the folder, or else return the built-in mesh of that name."""
+        """Return the mesh of an OBJ or GLB file of the folder, or else the built-in mesh of that name."""
         file = self.meshes.get(name)
         if file is not None:
             return _READERS[file.suffix](file)

@@ -106,6 +106,7 @@ class Library:
         self.textures = TextureTable(np.zeros(0, np.uint32), np.zeros(0, np.uint32))
         arrow = np.array([[1.0, 0.0, 0.0], [-0.75, 0.0, -0.75], [-0.75, 0.0, 0.75]])
         polygons = [*unit_cube(), arrow, _disc(1.0), _disc(SHADOW_REACH)]
+        # Cube and arrow have no texture; each disc of a shadow shades one sample of a pixel.
         self.faces = pack(
             polygons, [np.zeros((len(polygon), 2)) for polygon in polygons], [-1] * 7 + [SHADE, SHADE - 1]
         )
@@ -210,6 +211,9 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
         polygons: the corners of each polygon, (n, 3).
         places: the texture coordinates of each polygon's corners, (n, 2).
         texture_rows: the row of each polygon's texture, or -1 for none; None for polygons without textures.
+
+    Raises:
+        WorldError: if the corners of a polygon lie on one line.
     """
     normals = [newell(polygon) for polygon in polygons]
     sizes = [len(polygon) for polygon in polygons]
@@ -265,7 +269,7 @@ def unit_cube() -> list[F64]:
     for axis in range(3):
         for side in (-0.5, 0.5):
             square = np.zeros((4, 3))
-            square[:, axis] = side
+            square[:, axis] = side  # the corners run counter-clockwise as seen from the positive end of the axis
             square[:, (axis + 1) % 3] = [-0.5, 0.5, 0.5, -0.5]
             square[:, (axis + 2) % 3] = [-0.5, -0.5, 0.5, 0.5]
             square[:, 1] += 0.5

@@ -59,7 +59,7 @@ def soft(cells_x: int, cells_y: int, seed: int) -> F64:
 
 
 def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
-    """Return smooth noise around 0.5 with several octaves of finer detail."""
+    """Return smooth noise around 0.5, with ``cells`` cells from side to side and several octaves of finer detail."""
     total = np.zeros((SIZE, SIZE))
     weight = 0.0
     amplitude = 1.0
@@ -275,6 +275,7 @@ def _fence(seed: int) -> F64:
     """Paint a wooden fence with gaps that show grass."""
     x, y = grid()
     wood = _wood((196, 190, 178), (236, 232, 222), 4)(seed)
+    # between the pickets, except where one of the two rails is behind
     gap = (x % 128 > 92) & ~((y > 130) & (y < 180)) & ~((y > 360) & (y < 410))
     return np.where(gap[..., None], np.array((74.0, 104.0, 62.0)), wood)
 
@@ -283,11 +284,12 @@ def _logo(seed: int) -> F64:
     """Paint a framed sign: a maze from above, with an agent and the path to its goal."""
     x, y = grid()
     picture = mix((236, 233, 224), (246, 244, 238), cloud(3, seed))
-    for x0, y0, x1, y1 in (
+    for x0, y0, x1, y1 in (  # the walls of the maze
         *((40, 60, 472, 76), (40, 436, 472, 452), (40, 60, 56, 452), (456, 60, 472, 452)),
         *((180, 60, 196, 320), (320, 200, 336, 452), (180, 304, 260, 320)),
     ):
         picture[y0:y1, x0:x1] = (38.0, 52.0, 82.0)
+    # the agent and its goal, and then the path in dots
     for cx, cy, r, colour in ((112, 360, 40, (214, 52, 44)), (398, 130, 44, (36, 158, 92))):
         picture[(x - cx) * (x - cx) + (y - cy) * (y - cy) < r * r] = colour
     for dot in range(6):

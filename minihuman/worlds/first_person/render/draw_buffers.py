@@ -83,7 +83,7 @@ def faces_of(floats: F64, wholes: I32) -> FaceTable:
 
 @device_function(nogil=True)
 def rooms_of(floats: F64, wholes: I32) -> RoomTable:
-    """Return the table of rooms in two packed arrays."""
+    """Return the table of rooms in two packed arrays, without the occluders, which `occluders_of` returns."""
     rooms = int(wholes[0])
     edges = int(wholes[1])
     openings = int(wholes[2])
@@ -110,7 +110,10 @@ def rooms_of(floats: F64, wholes: I32) -> RoomTable:
 
 @device_function(nogil=True)
 def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
-    """Return the occluders of each face of the rooms, which follow the faces and tables; see `RoomTable`."""
+    """Return ``first_occluder`` and ``occluder`` of a `RoomTable`, which end the arrays; empty if there are none.
+
+    ``floats`` and ``wholes`` are the packed faces of the rooms, followed by the packed rooms.
+    """
     size = wholes.shape[0]
     count = int(wholes[wholes.shape[0] - 1])
     occluders = floats[floats.shape[0] - OCCLUDER_SIZE * count :].reshape(count, OCCLUDER_SIZE)
@@ -119,7 +122,10 @@ def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
 
 @kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", only=True, hold_gil=True)
 def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tuple[int, int]:
-    """Return the numbers of float64 and int32 that a picture needs, given limits on spans per row and corners."""
+    """Return how many numbers of float64 and int32 a picture needs for its `DrawBuffers`, `Sight` and scanlines.
+
+    ``height`` is in pixels; ``spans`` is the maximum per row of samples, and ``corners`` is the maximum per face.
+    """
     rows = 4 * height
     floats = 21 * faces + 11 * corners + 21 + TILES * TILES + 4 + PLACEMENT_SIZE + 4 * (1 + VISITS_A_ROOM) * rooms
     wholes = 3 * (rows * spans + 3 * spans + 8) + rows + 2 * (rows + 8) + 3 * faces

@@ -192,7 +192,7 @@ def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
     """Fill in the light, the sky, the style and the size of a view whose camera is already set."""
     view[LIGHT:SKY] = _light_numbers(scene.light)
     view[SKY:LEAST], view[LOOK] = scene.sky, scene.display
-    view[TOP:ROOM] = 0.0, height, height, width
+    view[TOP:ROOM] = 0.0, height, height, width  # the first row, one past the last, the height and the width
 
 
 @cache
@@ -205,7 +205,7 @@ def _cores() -> int:
 
 @cache
 def _helpers(process: int) -> ThreadPoolExecutor:
-    """Return the pool of threads that draw bands of large pictures. A forked process needs a pool of its own."""
+    """Return the pool of threads that draw bands of large pictures in a process; a forked process needs another one."""
     return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
 
 
@@ -234,7 +234,7 @@ def _aim(
     *,
     trig: int = 0,
 ) -> None:
-    """Write a camera's position and direction into a view."""
+    """Write a camera into a view of a picture of a size: its position, direction, focal lengths and planes."""
     cos_yaw, sin_yaw = turn(yaw_rad, trig)
     cos_pitch, sin_pitch = turn(pitch_rad, trig)
     focal = height / 2 / half_view(fov_y_deg, trig)
@@ -259,7 +259,7 @@ def turn(angle_rad: float, trig: int) -> tuple[float, float]:
 
 
 def half_view(fov_y_deg: float, trig: int) -> float:
-    """Return the tangent of half the camera's field of view."""
+    """Return the tangent of half the camera's vertical field of view, by the host's functions (0) or our own (1)."""
     half_rad = math.radians(fov_y_deg) / 2
     if trig:
         return sine(half_rad) / cosine(half_rad)
@@ -291,7 +291,11 @@ def _view_from_above(layout: SceneTables, width: int, height: int) -> F64:
 
 
 def _light_numbers(light: Light) -> F64:
-    """Return the unit vector to a light, the light's colour, and the ambient light, float64[9]."""
+    """Return the unit vector to a light, the light's colour, and the ambient light, float64[9].
+
+    Raises:
+        WorldError: if the light's direction has no length.
+    """
     x, y, z = light.towards
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:
@@ -335,7 +339,7 @@ def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
 
 def _with_agent(scene: Scene, agent: Pose) -> Scene:
     """Return the scene with a red arrowhead at the agent's pose, as one more thing."""
-    arrow = np.array(
+    arrow = np.array(  # a row of the things' table, whose columns are in `kernel_tables`
         [[*ARROW_FACES, *(_AGENT_RADIUS_M,) * 3, 1.0, *_AGENT_RGB, *(_AGENT_RADIUS_M,) * 2, *_AGENT_BOX_M]]
     )
     place = np.array([[agent.x, agent.y + _AGENT_HEIGHT_M, agent.z, agent.yaw_rad]])

@@ -126,7 +126,7 @@ def draw_face(
 ) -> int:
     """Draw one face as number ``number``; return the number of samples that it claimed (0 leaves the number free).
 
-    The result is -1 if a row has no room for more spans.
+    The result is -1 if a row has no room for more spans. ``window`` is x0, y0, x1, y1 in pixels.
 
     ``light`` contains the direction to the light, its colour, and the ambient light, three numbers each. If what was
     drawn before is ``surveyed``, a face that is certainly behind it is skipped at once.
@@ -233,7 +233,10 @@ def tile_size(view: F64) -> tuple[int, int]:
 def hidden(
     buffers: DrawBuffers, number: int, view: F64, window: F64, x0: float, y0: float, x1: float, y1: float
 ) -> bool:
-    """Return whether a face, with corners in 1/256 pixel, is certainly behind the picture so far at every sample."""
+    """Return whether a face is certainly behind the picture so far at every sample.
+
+    Its corners lie between (x0, y0) and (x1, y1), in 1/256 of a pixel; ``window`` is x0, y0, x1, y1 in pixels.
+    """
     planes = buffers.planes
     tiles = buffers.tiles
     left = max(int(x0 / 256.0), int(window[0]))
@@ -298,7 +301,7 @@ def nearness(faces: FaceTable, face: int, view: F64, buffers: DrawBuffers, numbe
 
 @device_function(nogil=True, force_inline=True)
 def plane(buffers: DrawBuffers, view: F64, number: int, column: int, first: float, second: float, third: float) -> None:
-    """Write the plane of a value over the picture, from its values at the three corners."""
+    """Write the plane number ``column`` of a face, of a value over the picture, from its values at three corners."""
     inverse = buffers.inverse
     planes = buffers.planes
     gx = (first * inverse[0, 0] + second * inverse[0, 1] + third * inverse[0, 2]) * inverse[3, 0]
@@ -310,7 +313,7 @@ def plane(buffers: DrawBuffers, view: F64, number: int, column: int, first: floa
 
 @device_function(nogil=True, force_inline=True)
 def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, buffers: DrawBuffers, number: int) -> None:
-    """Write a face's texture, and the planes of its texture coordinates and light over the picture, over distance."""
+    """Write a face's texture, and the planes of 1, its texture coordinates and its light, each divided by distance."""
     start = faces.start[face]
     count = faces.start[face + 1] - start
     planes = buffers.planes
@@ -346,6 +349,6 @@ def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, buf
             v1 = lit[column - 4, 1]
             v2 = lit[column - 4, 2]
             if same:
-                planes[number, 3 * column] = v0
+                planes[number, 3 * column] = v0  # the colour itself, as it does not vary
                 continue
         plane(buffers, view, number, column, v0, v1, v2)

@@ -34,7 +34,8 @@ _texels_at = array_at(np.uint32)
 def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
     """Take pictures in turn with other threads and draw them until none is left; then return -1.
 
-    If a picture needs more memory, the function ends early and returns that picture's number.
+    If a picture needs more memory, the function ends early and returns that picture's number. ``floats`` and ``wholes``
+    are this thread's memory, and ``out`` has a picture for each row.
     """
     while True:
         nth = add_to_counter(counters, TAKEN, 1)

@@ -275,7 +275,7 @@ def _count_most_corners(faces: FaceTable, thing_faces: FaceTable, things: F64) -
 
 
 def _pack_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
-    """Return the table of the faces of all rooms, and the table of the rooms."""
+    """Return the tables of the rooms' faces and of the rooms; raise a WorldError if an opening leads nowhere."""
     polygons = []
     texture_places = []
     texture_rows = []
@@ -315,7 +315,7 @@ def _pack_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable
 
 
 def _edge_lines(outline: F64) -> F64:
-    """Return the lines of an outline's edges, (edges, 3) a, b, c: a*x + b*z + c is the distance to the inside."""
+    """Return the lines of an outline's edges, (edges, 3) a, b, c: a*x + b*z + c is the distance, above 0 inside."""
     following = np.roll(outline, -1, axis=0)
     along = following - outline
     along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))

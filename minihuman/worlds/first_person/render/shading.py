@@ -74,14 +74,14 @@ GREEN = 0x00FF00
 
 @device_function(nogil=True, force_inline=True)
 def plain_colour(planes: F64, face: int) -> int:
-    """Return the colour of an evenly lit face without a texture."""
+    """Return the colour, 0x00BBGGRR, of an evenly lit face without a texture."""
     plane = planes[face]
     return int(plane[12] * 255.0 + 0.5) | int(plane[15] * 255.0 + 0.5) << 8 | int(plane[18] * 255.0 + 0.5) << 16
 
 
 @device_function(nogil=True, force_inline=True)
 def span_at(buffers: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
-    """Return the face at pixel ``x`` of a sample row (-1 for the sky), its end, and the index of the next span."""
+    """Return the face at pixel ``x`` of a sample row (-1: sky), its end, and the next span; ``k`` is that so far."""
     spans = buffers.spans
     if k == buffers.counts[index(row)]:
         return -1, width, k
@@ -362,7 +362,7 @@ def paint_row(
             covered = 0
             j = k
             red_blue = green = 2
-            red_blue = 0x20002
+            red_blue = 0x20002  # half of 4 in each channel, so that the quotient by 4 is rounded
             green = 0x00200
             while covered < 4:
                 face = int64(groups[j, OF])
@@ -416,7 +416,7 @@ def colour(
     rows = wholes[FRAGMENT_GROUPS:LINE].reshape(2 * MAX_FRAGMENT_GROUPS + 4, 5)
     groups = rows[:MAX_FRAGMENT_GROUPS]
     runs = rows[MAX_FRAGMENT_GROUPS : 2 * MAX_FRAGMENT_GROUPS]
-    now = rows[2 * MAX_FRAGMENT_GROUPS :]
+    now = rows[2 * MAX_FRAGMENT_GROUPS :]  # for each sample row of a pixel row: the result of `span_at`
     line = wholes[LINE:SPANS].view(np.uint32)
     least = view[LEAST]
     display = view[LOOK] == 1.0

@@ -37,7 +37,7 @@ def cross(
     at (xa, ya) and spans ``width`` and ``height``, in 1/256 pixel.
     """
     rows = ops.count_from(row, 8, 1)
-    right = ops.all_of(xa, 8) - ops.these([160.0, 32.0, 224.0, 96.0] * 2)
+    right = ops.all_of(xa, 8) - ops.these([160.0, 32.0, 224.0, 96.0] * 2)  # `SAMPLE_X` of two rows of pixels
     down = rows * ROW_STEP + 32.0 - ops.all_of(ya, 8)
     high_by = ops.all_of(height, 8)
     bound = ops.ceil((right * high_by + ops.all_of(width, 8) * down) / (high_by * 256.0))
@@ -121,7 +121,7 @@ def add(merged: Any, count: int, begin: int, end: int, face: int) -> int:
 
 @device_function(nogil=True, got=int64, merged_count=int64, x=int64, j=int64)
 def share(buffers: DrawBuffers, face: int, row: int, k: int, begin: int, end: int) -> int:
-    """Claim a row's samples from ``begin`` to ``end`` where others own some, starting at the row's span ``k``.
+    """Claim a row's samples from ``begin`` to ``end`` for ``face`` where others own some, from the row's span ``k`` on.
 
     Returns the number of claimed samples; -1 if the row has no room for more spans.
     """

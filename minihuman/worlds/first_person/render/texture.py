@@ -83,14 +83,17 @@ def _ways(
 
 
 def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, high: float, last: int) -> Any:
-    """Return the number of the smallest texture size of which a pixel covers a texel along its longer extent."""
+    """Return the number of the smallest texture size in which a pixel still covers a texel along its longer extent."""
     across, along = (ops.larger(ops.size(ways[k]), ops.size(ways[k + 1])) for k in (0, 2))
     covered = ops.larger(across * ops.single(wide, count), along * ops.single(high, count)) * far
     return _number(ops, count, covered, last)
 
 
 def _number(ops: Any, count: int, covered: Any, last: int) -> Any:
-    """Return the number of the smallest size, up to ``last``, for pixels that cover some texels of the largest size."""
+    """Return the number, up to ``last``, of the smallest size in which pixels still cover a texel.
+
+    In the largest size, they cover ``covered`` texels.
+    """
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
     quarters = ops.view(square * square, "uint32") >> 23
@@ -172,9 +175,10 @@ def place(
     texels: Array,
     ahead: int,
 ) -> None:
-    """Write the texel positions of neighbouring pixels in one texture size, whose texels begin at ``offset``.
+    """Write the texel positions of neighbouring pixels in one texture size to ``places``, from index ``at`` on.
 
-    Texels ``ahead`` of these will soon be needed, too. The other arguments are as in `fit`.
+    The size has ``width`` x ``height`` texels, which begin at ``offset`` in ``texels``. Texels ``ahead`` of these will
+    soon be needed, too. The other arguments are as in `fit`.
     """
     ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
     _, right, up = _seen(ops, ops.steps(LANES), LANES, least, *ways)
@@ -251,6 +255,7 @@ def _look_up(count: int, taps: int = 1) -> Any:
         """
         by = [ops.view(ops.load(lights, nth * LANES, count), "uint16") for nth in (0, 1)]
         tap_sums = []
+        # `_place` wrote sixteen lower texels, then the upper ones, then the positions right and up between them
         for tap_at in range(0, taps * TAP, TAP):
             a, b = ops.pairs_at(texels, places, at + tap_at, count)
             c, d = ops.pairs_at(texels, places, at + (tap_at + LANES), count)

@@ -80,7 +80,7 @@ def contains(rooms: RoomTable, room: int, x: float, z: float) -> bool:
 
 @device_function(nogil=True, force_inline=True, count=int64, source=int64)
 def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
-    """Write to ``result`` the part of a window through which an opening is visible; return False if none is."""
+    """Write to ``result`` the part of a window (x0, y0, x1, y1) in which an opening is seen; return False if none."""
     hole = rooms.opening[opening]
     ax = hole[1, 0] - hole[0, 0]
     ay = hole[1, 1] - hole[0, 1]
@@ -200,14 +200,14 @@ def narrow(things: F64, thing: int, placement: F64, view: F64, window: F64) -> b
     """
     x0 = y0 = 1e9
     x1 = y1 = -1e9
-    all_beyond = 31
+    all_beyond = 31  # the bits of ``beyond`` that all corners have
     before = 0
     # a pixel more on each side, for corners are moved by up to 1/512 pixel when they are drawn
     left = window[0] - 1.0
     top = window[1] - 1.0
     right = window[2] + 1.0
     bottom = window[3] + 1.0
-    for corner in range(8):
+    for corner in range(8):  # its bits choose the side along x, y and z
         x = things[thing, THING_BOX] * (1.0 - 2.0 * (corner & 1))
         y = things[thing, THING_BOX + 1 + (corner >> 1 & 1)]
         z = things[thing, THING_BOX + 3] * (1.0 - 2.0 * (corner >> 2))
@@ -219,7 +219,7 @@ def narrow(things: F64, thing: int, placement: F64, view: F64, window: F64) -> b
         down = -view[FOCAL_Y] * (view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz)
         across = across + view[CENTRE_X] * ahead
         down = down + view[CENTRE_Y] * ahead
-        beyond = 1 if across < left * ahead else 0
+        beyond = 1 if across < left * ahead else 0  # a bit for each limit that the corner is beyond
         beyond += 2 if across > right * ahead else 0
         beyond += 4 if down < top * ahead else 0
         beyond += 8 if down > bottom * ahead else 0
@@ -309,7 +309,7 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
         return True
     right = (view[RIGHT] * x + view[RIGHT + 1] * y + view[RIGHT + 2] * z) * view[FOCAL_X]
     down = -(view[UP] * x + view[UP + 1] * y + view[UP + 2] * z) * view[FOCAL_Y]
-    for side in range(4):
+    for side in range(4):  # left, top, right, bottom
         # a pixel more on each side, for corners are moved by up to 1/512 pixel when they are drawn
         low = side < 2
         across, focal = (right, view[FOCAL_X]) if side & 1 == 0 else (down, view[FOCAL_Y])
@@ -362,7 +362,7 @@ def cover(
     """
     faces = faces_of(room_floats, room_wholes)
     library = faces_of(library_floats, library_wholes)
-    float_count = 8 * int(room_wholes[0]) + 7 * int(room_wholes[1])
+    float_count = 8 * int(room_wholes[0]) + 7 * int(room_wholes[1])  # of the rooms' faces, which come before the rooms
     whole_count = 3 + 2 * int(room_wholes[1])
     rooms = rooms_of(room_floats[float_count:], room_wholes[whole_count:])
     buffers, float_count, whole_count = drawn_in(view, floats, wholes)
