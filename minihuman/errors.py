@@ -10,7 +10,7 @@ _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})  # disk full, qu
 
 @contextmanager
 def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
-    """Add a file name to an OSError that has none, as the system's calls on open files raise it.
+    """Add the file name ``path`` to an OSError of the enclosed code that names no file, as for calls on open files.
 
     Raises:
         OSError: the original error, with the file's name.
@@ -72,7 +72,12 @@ class ProtocolError(MinihumanError, ValueError):
 
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
-        """Create the error for one or more mistakes; its message states the first one and where to find the others."""
+        """Create the error for one or more mistakes; its message states the first one and where to find the others.
+
+        Args:
+            mistakes: one line for each mistake, at least one.
+            source: the protocol's file, for the command that lists all mistakes.
+        """
         more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)

@@ -229,7 +229,7 @@ def warn_of_old_name(old_name: str, new_name: str) -> None:
 
 
 def forward_names(module: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a module from which some names have moved."""
+    """Return a ``__getattr__`` for the module named ``module``, from which some names have moved."""
 
     def get(name: str) -> Any:
         return _get_moved(module, name)

@@ -80,7 +80,7 @@ def keep_private(file: Path) -> None:
 def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
     """Open a file in binary mode and return its descriptor.
 
-    Child processes do not inherit it, and the file can be renamed.
+    The flags and the mode are those of ``os.open``. Child processes do not inherit it, and the file can be renamed.
 
     Raises:
         OSError: as for ``os.open``.
@@ -127,7 +127,7 @@ def open_without_waiting(path: Path) -> int:
 
 
 def read_at(fd: int, count: int, offset: int) -> bytes:
-    """Read up to ``count`` bytes at an offset, without moving the file's position.
+    """Read up to ``count`` bytes at a byte offset, fewer at the end of the file, without moving the file's position.
 
     Raises:
         OSError: if the bytes cannot be read.
@@ -225,7 +225,7 @@ def is_owned_by_user(status: os.stat_result) -> bool:
 
 
 def replace_file(source: Path, target: Path) -> None:
-    """Replace a file by another in one step; on Windows this also works while the replaced file is open.
+    """Rename ``source`` to ``target`` in one step, replacing the file there; on Windows, even while that file is open.
 
     Raises:
         OSError: as for ``os.replace``.

@@ -45,7 +45,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
 
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a small table with a caption as HTML."""
+    """Return the HTML of a small table: its caption, the heads of its columns and its rows of cells."""
     from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
     table = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
@@ -104,7 +104,7 @@ class Episode:
 
     @property
     def seed(self) -> int:
-        """The seed of the layout."""
+        """The seed with which the world was reset."""
         return self.recorded.plan.seed
 
     @property

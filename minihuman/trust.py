@@ -153,7 +153,13 @@ def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permiss
 
 
 def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
-    """Return what is not trusted yet: the folders of worlds' modules and files, and installed modules by name."""
+    """Return what is not trusted yet: the folders of worlds' modules and files, and installed modules by name.
+
+    Args:
+        worlds: the worlds that a protocol names.
+        folder: the protocol's folder as a path without links.
+        trusted: what the user trusts.
+    """
     folders = set[Path]()
     modules = set[str]()
     for world, options in worlds:

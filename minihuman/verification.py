@@ -168,7 +168,7 @@ def _plan_replay(
 
 
 def _list_log_checks(path: Path, replay: _Replay) -> Iterator[Iterable[VerificationLine]]:
-    """Yield the checks of the logs at a path, then those of its studies; each runs when it is iterated over.
+    """Yield iterables of findings: about the logs at a path, then about its studies. Each runs when it is iterated.
 
     Raises:
         LogError: if the path holds neither logs nor studies.
@@ -228,7 +228,7 @@ def _replay_logs(logs: Sequence[Path], replay: _Replay) -> Iterator[Verification
 
 
 def _find_recorded(logs: Sequence[Path], record: "VerificationRecord") -> dict[Path, tuple[str, ...]]:
-    """Return the texts of the recorded findings about each log that is unchanged since it was recorded."""
+    """Return the texts of the recorded findings, by log, for each log that is unchanged since it was recorded."""
     from minihuman.admin.verify.log import find_chain_heads
 
     recorded = {}

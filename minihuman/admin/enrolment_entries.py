@@ -217,8 +217,8 @@ def find_incomplete_logs(
 ) -> Iterator[tuple[str, bool]]:
     """Yield a line for each missing log, and for each segment whose end is not in the enrolment log.
 
-    Each line comes with whether it is acceptable, because an earlier version did not record segments. Participants who
-    withdrew have no log.
+    Each line comes with whether it is acceptable: True only for a segment's end in the log of a participant whom an
+    earlier version enrolled, since it did not record segments. The logs of participants who withdrew are not missing.
 
     Args:
         lines: the lines of the enrolment log.
@@ -253,7 +253,7 @@ def find_slots_without_log(
 ) -> Iterator[tuple[str, bool]]:
     """Yield a line for each participant who holds a slot and has no log.
 
-    Each line comes with whether it is acceptable, as in studies of earlier versions.
+    Each line comes with whether it is acceptable: True for a participant whom an earlier version enrolled.
 
     Args:
         lines: the lines of the enrolment log.
@@ -290,7 +290,10 @@ def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
-    """Count manual interventions by kind, and those without a reason; kinds that never occurred are absent."""
+    """Return the number of manual interventions of each kind, and under "without a reason" of those that state none.
+
+    Kinds that never occurred are absent.
+    """
     kinds = {
         ParticipantWithdrawn: "withdrawn",
         ParticipantReplaced: "replaced",
@@ -319,6 +322,10 @@ def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
 
 def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
     """Decode a line; return None for an empty line, and for kinds that other programs add.
+
+    Args:
+        line: the line's bytes, without the line break.
+        number: the line's number, for errors.
 
     Raises:
         AllocationError: if a complete line cannot be read, or a newer version wrote it.

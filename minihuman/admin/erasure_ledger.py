@@ -96,7 +96,7 @@ class ErasureLedger:
             _store_entries(self._store, self._study, new)
 
     def _write_locally(self, entries: Iterable[LedgerEntry]) -> None:
-        """Append entries to the ledger in the data folder, which all studies there share."""
+        """Append entries to the ledger file in the data folder, which all studies there share."""
         ordered = sorted(entries, key=lambda entry: (entry.fact, entry.code, entry.machine))
         if ordered:
             path = self._data / LEDGER_FILE_NAME
@@ -169,7 +169,12 @@ def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
 
 
 def _list_pending(entries: frozenset[LedgerEntry], withdrawn: frozenset[str]) -> dict[str, list[str]]:
-    """Return, for each machine with erasures outstanding, the codes of the participants it has not erased."""
+    """Return the codes of the participants whose data a machine has not erased, by the number of each such machine.
+
+    Args:
+        entries: the entries of the ledger; machines that are declared lost are left out.
+        withdrawn: the codes of the participants who withdrew.
+    """
     lost = {entry.machine for entry in entries if entry.fact == "lost"}
     machines = {entry.machine for entry in entries if entry.fact == "holds"} - lost
     erased = {(entry.machine, entry.code) for entry in entries if entry.fact == "erased"}

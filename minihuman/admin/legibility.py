@@ -53,7 +53,7 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield a message for each text of a session that cannot be read on the screen, which says how to fix it."""
+    """Yield a message for each text of a session that cannot be read on the screen; each message says how to fix it."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
@@ -66,7 +66,12 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """Yield at most one message: the first text with a character that no font has, and the number of such texts."""
+    """Yield at most one message: the first text with a character that no font has, and the number of such texts.
+
+    Args:
+        plan: the session's plan.
+        faces: the fonts that set the plan's texts.
+    """
     missing_by_field = [(field, faces.missing(text)) for field, text in _list_texts(plan)]
     undrawable = [(field, character) for field, character in missing_by_field if character]
     if undrawable:
@@ -78,7 +83,12 @@ def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[
 
 
 def describe_missing_face(character: str, more: str = "") -> str:
-    """Explain that no font has a character, and how to install one that does; ``more`` follows the character."""
+    """Explain that no font has a character, and how to install one that does.
+
+    Args:
+        character: the character.
+        more: a text that follows the character in the message, such as the number of further texts; "" for none.
+    """
     return (
         f"no face on this machine can set {character!r} (U+{ord(character):04X}){more}; install a Noto font that can "
         f"(Debian: fonts-noto-core, fonts-noto-cjk; or put its file, such as NotoSansSC-Regular.otf for Chinese, into "

@@ -122,7 +122,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
 
 
 def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
-    """Erase a participant's logs and tables from their remote stores; return the errors."""
+    """Erase a participant's logs and tables from their remote stores; return the errors, empty if all were erased."""
     from minihuman.admin.remote_logs import delete_remote_logs
     from minihuman.dataset.remote_tables import delete_remote_tables
 

@@ -76,7 +76,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
 
 
 def _tally_messages(readers: Iterable[LogReader]) -> "_SessionTally":
-    """Read the messages of a session's files, given in order, and count the session's progress."""
+    """Read the messages of a session's files, given in order, and return the session's progress as a tally."""
     tally = _SessionTally()
     for reader in readers:
         for message in reader.messages():
@@ -90,7 +90,12 @@ def _tally_messages(readers: Iterable[LogReader]) -> "_SessionTally":
 
 
 def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
-    """Return whether a session ended as complete, or was interrupted when only its closing pages were left to show."""
+    """Return whether a session ended as complete, or was interrupted when only its closing pages were left to show.
+
+    Args:
+        tally: the counts of the session's messages.
+        plan: the session's plan.
+    """
     if tally.end_reason == "complete":
         return True
     if tally.end_reason in events.FINAL_END_REASONS:
@@ -204,7 +209,7 @@ def _format_segment_line(segment: Segment) -> str:
 
 
 def _build_segment_facts(segment: Segment) -> dict[str, Any]:
-    """Return a segment as the JSON summary shows it."""
+    """Return the facts about a segment for the JSON summary of a session; names that end in _s or _ns give the unit."""
     return {
         "segment": segment.number,
         "started_at": segment.started_at,
@@ -230,7 +235,10 @@ def _format_episode_line(episode: EpisodeLog) -> str:
 
 
 def _build_episode_facts(episode: EpisodeLog) -> dict[str, Any]:
-    """Return an episode as both summaries show it."""
+    """Return the facts about an episode that its line and the JSON summary of a session show.
+
+    Names that end in _s or _ms give the unit. The median reaction time is None if no step has a key press.
+    """
     plan = episode.plan
     times_ms = response_ms(episode)
     answered = times_ms[~np.isnan(times_ms)]
@@ -316,7 +324,7 @@ def _record_recovery(log: Path, outcome: str, note: AuditNote) -> None:
 
 
 def _add_missing_heads(log: Path) -> int:
-    """Record an undamaged log's missing chain heads; return their number, or 0 if the log is damaged."""
+    """Record an undamaged log's missing chain heads, and return their number; it is 0 for a damaged log."""
     try:
         with raise_as_log_error(log):
             read_segment_starts(log)

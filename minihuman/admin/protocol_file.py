@@ -340,7 +340,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
 
 
 def _is_policy_file(name: str) -> bool:
-    """Return whether an agent's name in a protocol is the name of a policy file, not of another kind of agent."""
+    """Return whether an agent's name in a protocol is that of a policy file, not that of another kind of agent."""
     if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
         return False
     return not is_registered_agent(name)
@@ -407,6 +407,11 @@ def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ..
 
 def _read_policy(folder: Path, name: str, field: str) -> bytes:
     """Return the bytes of a policy file in the protocol's folder, after checking that an agent can be made from it.
+
+    Args:
+        folder: the protocol's folder, resolved.
+        name: the file's name in the protocol.
+        field: the field that names the file, for errors.
 
     Raises:
         ProtocolError: if the file cannot be read, or no agent can be made from it.

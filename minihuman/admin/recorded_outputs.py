@@ -31,8 +31,13 @@ class RecordedOutput(msgspec.Struct, frozen=True):
 def record_output(study_dir: Path, kind: str, out: Path) -> str:
     """Record an output of a study that has an enrolment log; participants can withdraw only from such a study.
 
+    Args:
+        study_dir: the study's folder.
+        kind: the kind of output, such as "report", "export csv" or "tables".
+        out: the folder of the output.
+
     Returns:
-        The reason why a later withdrawal will not find the output; "" if it will.
+        The reason why a later withdrawal will not find the output; "" if it will, or if the study has no enrolment log.
     """
     study_dir = study_dir.absolute()
     if not (study_dir / ENROLMENT_FILE_NAME).is_file() and not find_database_url(study_dir):

@@ -112,7 +112,7 @@ class Recruitment:
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
-        """Issue links and return their tokens, which are stored nowhere.
+        """Issue a number of links and return their tokens, which are stored nowhere.
 
         Raises:
             OSError: if the folder cannot be written.
@@ -161,7 +161,14 @@ class Recruitment:
             yield RecruitmentTransaction(journal, self._state.after(journal.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
-        """Return the hash of a person's platform id: an HMAC with the study's own secret."""
+        """Return the key under which a person's arrival is recorded: the platform's name and an HMAC of the id there.
+
+        The HMAC uses the study's own secret.
+
+        Args:
+            platform: the name of the recruiting platform, such as "prolific".
+            person: the person's id on that platform.
+        """
         digest = hmac.new(self._read_secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 

@@ -201,7 +201,13 @@ class _Synchronization:
                 self._say(str(error))
 
     def _merge_annotations(self, file: StudyFile, path: Path, stored_path: Path, version: str) -> None:
-        """Merge local annotations with ``stored_path``, a copy of the store's; damaged ones in the store are replaced.
+        """Merge local annotations with those in the store; damaged ones in the store are replaced.
+
+        Args:
+            file: the name of both files in the study.
+            path: the local annotations, which may not exist.
+            stored_path: a temporary copy of the annotations in the store.
+            version: the version of the annotations in the store.
 
         Raises:
             LogError: if the local annotations are damaged.
@@ -240,7 +246,7 @@ class _Segment(NamedTuple):
 
 
 def _continues(log: Path, other: Path) -> bool:
-    """Return whether a log begins with all segments of another log; an unreadable log has no segments."""
+    """Return whether ``log`` begins with all segments of ``other``; a log that cannot be read has no segments."""
     segments = _read_segments(log)
     other_segments = _read_segments(other)
     return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
@@ -267,6 +273,10 @@ def _read_segments(log: Path) -> list[_Segment]:
 
 def _require_same_session(log: Path, file: StudyFile) -> None:
     """Require that a fetched log is undamaged and of the session that its path names; other programs' files pass.
+
+    Args:
+        log: the fetched copy.
+        file: the name of the log in the study.
 
     Raises:
         DamagedCopyError: if it is damaged, or of another session.

@@ -79,7 +79,8 @@ def count_participant_flow(
 def _list_session_records(rows: Iterable[SessionRow]) -> Iterator[SessionRecord]:
     """Yield one record per participant and session.
 
-    Of several logs of a session, a readable one whose file has the session's name counts, otherwise the first.
+    If a session has several logs, the record is that of a readable log whose file has the session's name, or else that
+    of the first log.
     """
     records: dict[tuple[str, int], SessionRecord] = {}
     for row in rows:
@@ -155,7 +156,7 @@ def _format_flow(flow: ParticipantFlow) -> str:
 
 
 def _format_sessions(status: "StudyStatus") -> Iterator[str]:
-    """Yield a line for each log of a session; it says so if the session has several logs."""
+    """Yield a line for each log of a session; the line says so if the session has several logs."""
     n_logs_by_session = Counter(_identify_session(row.summary) for row in status.sessions if row.summary)
     for row in status.sessions:
         line = _format_session(row, is_running=bool(status.live) and row.path.parent in status.live)
@@ -326,7 +327,12 @@ def _identify_session(summary: SessionSummary) -> tuple[str, str, int]:
 
 
 def _format_session(row: SessionRow, *, is_running: bool) -> str:
-    """Format a session's line, with aligned columns."""
+    """Return the line of a session's log, with aligned columns.
+
+    Args:
+        row: the session's row in the session index.
+        is_running: whether the session is being recorded now.
+    """
     summary = row.summary
     if summary is None:
         return f"{row.path}  cannot be read: {row.problem}"

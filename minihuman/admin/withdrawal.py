@@ -62,7 +62,10 @@ class WithdrawalResult:
 
 
 def _list_remains(study_dir: Path, code: str) -> Iterator[str]:
-    """Yield a line about each machine that still has a copy, and about the laboratory's file if it names them."""
+    """Yield a line about each machine that still has a copy, and about the laboratory's file.
+
+    The line about the file of participants is yielded only if the file names the participant.
+    """
     yield from find_pending_machines(study_dir)
     if names_participant(study_dir, code):
         yield f"{find_participants_file(study_dir)} still has a line about {code}; delete it"
@@ -136,7 +139,10 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
 
 
 def _build_erasure_error(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
-    """Return the error for data that could not be erased, with the reasons and what to do."""
+    """Return the error for data that could not be erased, with the reasons and what to do.
+
+    It is a RemoteStoreError if all errors are, and otherwise an ErasureError.
+    """
     distinct = list(dict.fromkeys(map(str, errors)))
     n_unlisted = len(distinct) - MAX_REASONS
     reasons = "; ".join(distinct[:MAX_REASONS])
@@ -225,7 +231,13 @@ def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -
 def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> Iterator[str]:
     """Write files durably into an archive and yield its SHA-256, or "" without an archive.
 
-    An error here or in the context removes the archive. One that an earlier withdrawal made of these files is kept.
+    An error here or in the context removes the archive. An existing archive, which an earlier withdrawal made of these
+    files, is kept as it is.
+
+    Args:
+        files: the participant's files.
+        archive: the path of the archive; None for no archive.
+        study_dir: the study's folder, to which the names in the archive are relative.
     """
     if archive is None:
         yield ""

@@ -190,7 +190,7 @@ class _ContentsReader:
         self._sure_events += decode_sure_events(chunks, started_ns)
 
     def _add_chunk(self, chunk: ChunkMessages) -> None:
-        """Add a chunk's messages to their segment."""
+        """Add the messages of a chunk on our topics to the latest segment."""
         for record in chunk:
             event = self._sure_events.popleft()
             if find_topic(record.channel.topic) is not None:

@@ -34,10 +34,14 @@ class Sample:
 
     @classmethod
     def parse(cls, text: str, *, seed: int = 0) -> "Sample":
-        """Parse a share such as "5%" or "0.05".
+        """Parse a share such as "5%" or "0.05", and return the sample of that share.
+
+        Args:
+            text: the share.
+            seed: the seed of the draw, 0 or more.
 
         Raises:
-            MinihumanError: if it is not a share above 0 % and at most 100 %.
+            MinihumanError: if the text is not a share above 0 % and at most 100 %, or the seed is negative.
         """
         number = text.strip().removesuffix("%")
         try:

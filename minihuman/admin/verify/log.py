@@ -103,7 +103,7 @@ def find_chain_heads(log: Path) -> list[tuple[str, str]]:
 
 
 def is_of_our_worlds(log: Path) -> bool:
-    """Return whether a log names no third-party module, whose code may change independently of ours.
+    """Return whether a log names no third-party module, whose code could change while this software stays the same.
 
     Raises:
         LogError: if the log cannot be read.
@@ -202,7 +202,13 @@ def _compare_metadata(segment: LogSegment) -> Iterator[str]:
 
 
 def _compare_end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -> Iterator[str]:
-    """Compare the metadata at a segment's end with the contents of the segment; yield the differences."""
+    """Yield the differences between the metadata at a segment's end and the contents of the segment.
+
+    Args:
+        segment: the segment.
+        so_far: the segments up to this one, including it.
+        finished: whether the log is finished, so that each segment must have an end.
+    """
     end = segment.end
     if end is None:
         if finished:
@@ -327,7 +333,16 @@ def _find_differences_in_one_replay(session: SessionLog, log: Path) -> list[str]
 def _replay_session(
     session: SessionLog, log: Path, make_world: WorldFactory
 ) -> tuple[EpisodeVerification, PictureVerification | None]:
-    """Replay a session's episodes, and draw its pictures again if they are as logged."""
+    """Replay a session's episodes, and draw its pictures again if the episodes are as logged.
+
+    Args:
+        session: the session.
+        log: the path of its log, for errors.
+        make_world: makes the worlds of the episodes.
+
+    Returns:
+        The result for the episodes, and that for the pictures; None for pictures that were not drawn again.
+    """
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session, make_world)
         if steps.difference:

@@ -87,7 +87,14 @@ def _find_page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, byte
 def _adapt_part(
     protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
 ) -> PlannedPart | None:
-    """Return a planned part in the form of the logged part's version: with the same pages and fields."""
+    """Return the expected part in the form of the logged part's version: with the same pages and fields.
+
+    Args:
+        protocol: the study's protocol.
+        plan: the logged plan.
+        part: the part that the protocol produces; None if it produces fewer parts.
+        logged: the logged part; None if the log has fewer parts.
+    """
     if part is None or logged is None or part.name != logged.name:
         return part
     return _drop_later_fields(_adopt_pages(protocol, plan, part, logged), logged)
@@ -129,7 +136,7 @@ def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
 
 
 def _adapt_episode(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """Return a planned episode in the form of the logged episode's version.
+    """Return the expected episode in the form of the logged episode's version; None if the protocol produces none.
 
     Earlier versions had images and labels among an episode's options, and computed first-person worlds only with the
     host's sine.

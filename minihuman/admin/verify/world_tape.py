@@ -51,7 +51,13 @@ class WorldTape:
         return _TapedWorld(world_id, options, self)
 
     def find_episode(self, world_id: str, options: Mapping[str, Any], seed: int) -> _Moment:
-        """Return the first moment of an episode, after adding it to the tape if it is not there yet."""
+        """Return the moment at which an episode begins, after adding it to the tape if it is not there yet.
+
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world.
+            seed: the seed with which the world is reset.
+        """
         return self._episodes.setdefault((world_id, hash64(options), seed), _Moment())
 
 
