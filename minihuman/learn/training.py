@@ -248,9 +248,13 @@ def choose_encoder(image_shape: tuple[int, int, int], settings: TrainingSettings
 def _make_policies(
     job: TrainingJob, interface: _SharedInterface, saved: dict[str, Any] | None, selection: Selection
 ) -> tuple[Policy, Policy | None]:
-    """Return the policy to train and the clone of people that it begins with; the clone is None without people.
+    """Return the policy to train and the clone of people with which it begins; the clone is None without people.
 
-    A run that resumes takes the clone from its checkpoint ``saved``.
+    Args:
+        job: the worlds and settings.
+        interface: the observations and actions of the worlds.
+        saved: the checkpoint of a run that resumes, which has the clone; None for a new run.
+        selection: the rule for which episodes are cloned.
     """
     settings = job.settings
     policy = interface.build_policy(settings)
@@ -268,7 +272,12 @@ def _make_policies(
 
 
 def _clone_people(job: TrainingJob, interface: _SharedInterface, selection: Selection) -> Policy:
-    """Return a policy that imitates a study's people in the first world, with all of the world's actions.
+    """Return a policy that imitates a study's people in the job's first world, with all of the world's actions.
+
+    Args:
+        job: the worlds and settings; these name the study.
+        interface: the observations and actions of the worlds.
+        selection: the rule for which episodes are cloned.
 
     Raises:
         LearnError: if the study has no such episodes, or its options of the world lead to other observations.
@@ -314,7 +323,13 @@ def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], 
 
 
 def _save_progress(contents: dict[str, Any], points: list[CurvePoint], out: Path) -> None:
-    """Write a checkpoint and the curve so far."""
+    """Write a checkpoint, and the curve so far as CSV.
+
+    Args:
+        contents: the content of the checkpoint.
+        points: the points of the curve.
+        out: the policy file, beside which the two files are written.
+    """
     save_atomically(contents, out.with_name(out.name + CHECKPOINT_SUFFIX))
     _write_curve(points, out.with_suffix(".csv"))
 

@@ -151,7 +151,11 @@ def read_job(path: Path) -> TrainingJob:
 
 
 def change_settings(settings: TrainingSettings, changes: Mapping[str, Any]) -> TrainingSettings:
-    """Return a copy of settings with the given changes, by the settings' names.
+    """Return a copy of settings with some of them changed.
+
+    Args:
+        settings: the settings.
+        changes: the new values by the settings' names, as in a TOML file.
 
     Raises:
         LearnError: if there is no setting with a name, or a change is not valid.

@@ -60,7 +60,12 @@ class TrainingWorlds(abc.ABC):
 
     @abc.abstractmethod
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in some of the worlds.
+
+        Args:
+            numbers: the numbers of these worlds, from 0.
+            levels: the level of each of these worlds, in the same order.
+        """
 
     @abc.abstractmethod
     def step(self, actions: NDArray[Any]) -> BatchStep:
@@ -127,7 +132,7 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 def as_images(observations: NDArray[Any]) -> NDArray[Any]:
-    """Return observations, one per row, as images; vectors become images of one pixel."""
+    """Return observations, one per row, as images; vectors [n, components] become images [n, 1, 1, components]."""
     if observations.ndim == 2:
         return observations[:, None, None, :]
     return observations
@@ -280,6 +285,12 @@ def make_worlds(choices: Sequence[WorldChoice], num_envs: int, shaped_steps: flo
 
 def _require_alike(first_choice: WorldChoice, first: Any, choice: WorldChoice, world: Any) -> None:
     """Check that a world has the same shape of images and the same actions as the first world.
+
+    Args:
+        first_choice: the id and options of the first world.
+        first: the first world.
+        choice: the id and options of the other world.
+        world: the other world.
 
     Raises:
         LearnError: if they differ.

@@ -22,6 +22,10 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 class ObservationSequence(Sequence[Any]):
     """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is accessed.
 
+    Args:
+        episode: the episode's number in the session, counted from 0.
+        messages: the encoded message of each observation.
+
     Raises:
         LogError: when an observation is accessed that cannot be read, or belongs to another step.
     """
@@ -43,7 +47,11 @@ class ObservationSequence(Sequence[Any]):
         return self._read_step(range(len(self))[index])
 
     def _read_step(self, step: int) -> Any:
-        """Read the observation at a step."""
+        """Read the observation after ``step`` steps; 0 is the reset.
+
+        Raises:
+            LogError: if it cannot be read, or belongs to another step.
+        """
         step_name = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
@@ -78,7 +86,7 @@ def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64],
 
 
 def is_picture(observation: Any) -> bool:
-    """Return whether an observation is a picture, uint8[H, W, 3], which PNG stores exactly."""
+    """Return whether an observation is a picture, uint8[H, W, 3] and not empty, which PNG stores exactly."""
     if not isinstance(observation, np.ndarray) or observation.dtype != np.uint8 or observation.ndim != 3:
         return False
     _, _, n_channels = observation.shape

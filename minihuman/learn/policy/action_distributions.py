@@ -23,7 +23,12 @@ class ActionDistribution(abc.ABC):
 
     @abc.abstractmethod
     def draw(self, outputs: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
-        """Draw one action of each row, int64[batch] or float32[batch, components]."""
+        """Draw one action of each row, int64[batch] or float32[batch, components].
+
+        Args:
+            outputs: the policy's outputs.
+            generator: the source of randomness; None for torch's global generator.
+        """
 
     @abc.abstractmethod
     def log_probability(self, outputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:

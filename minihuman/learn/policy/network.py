@@ -54,10 +54,7 @@ class MapEncoder(nn.Sequential):
 
 
 def _padded_convolutions(channels: int, n_flat: int, *, first_stride: int) -> list[nn.Module]:
-    """Return the layers of three 3x3 convolutions (16, 32, 64), the last two with stride 2, and a linear layer.
-
-    ``n_flat`` is the number of values that the convolutions return for an image.
-    """
+    """Return three 3x3 convolutions (16, 32, 64; the last two of stride 2) and a linear layer of ``n_flat`` inputs."""
     return [
         nn.Conv2d(channels, 16, 3, stride=first_stride, padding=1),
         nn.ReLU(),
@@ -150,7 +147,7 @@ class InputLookup(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, inputs: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-        """Return float32[batch, units]; ``inputs`` are the numbers int64[batch, ones] of the layer's inputs that are 1."""
+        """Return float32[batch, units]; ``inputs`` are the numbers int64[batch, ones] of inputs that are 1."""
         ones = torch.zeros(len(inputs), weight.shape[1], device=inputs.device).scatter_(1, inputs, 1.0)
         used = ones.sum(dim=0).nonzero().squeeze(1)
         ones = ones.index_select(1, used)
@@ -340,8 +337,8 @@ class Policy(MultiInputActorCriticPolicy):
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the distribution's outputs and the values for consecutive steps of several episodes.
 
-        Observations are [steps, batch, ...]; ``starts`` is [steps, batch], 1.0 where an episode begins; the results
-        have steps * batch rows. Gradients flow through the memory, which is ``hidden`` before the first step.
+        Observations are [steps, batch, ...]; ``starts`` is [steps, batch], 1.0 where an episode begins. Results have
+        steps * batch rows. Gradients flow through the memory, which is ``hidden`` at first.
         """
         features = self._extract_features({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:

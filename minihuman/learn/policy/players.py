@@ -40,6 +40,11 @@ class PolicyPlayer(SimulatedParticipant):
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Begin an episode: choose the policy for its world and find the keys of the policy's actions.
 
+        Args:
+            plan: the episode's plan, which assigns actions to keys.
+            pool: not used.
+            world: the episode's world.
+
         Raises:
             LearnError: if the policy was trained in another world, or none of its actions has a key.
         """

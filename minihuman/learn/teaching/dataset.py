@@ -173,7 +173,7 @@ class Dataset:
         return int(sum(lesson.by_person.sum() for lesson in self.lessons))
 
     def lesson(self, name: str) -> Lesson:
-        """Return the lesson with a name."""
+        """Return the lesson with a name, which must be in the dataset."""
         return next(lesson for lesson in self.lessons if lesson.name == name)
 
     def with_more(

@@ -71,7 +71,12 @@ class RewardModel:
         self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return the rewards of many steps, of shape (n,)."""
+        """Return the standardised rewards of many steps, of shape (n,).
+
+        Args:
+            observations: the parts of the observations before the steps, each with n rows.
+            actions: the actions of the steps, int64[n].
+        """
         raw = self._predict_raw_rewards(observations, actions)
         standardised = (raw - self._member_means) / self._member_stds
         return np.asarray(self._scale * standardised.mean(axis=0))
@@ -89,7 +94,12 @@ class RewardModel:
     def predict_answers(
         self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]
     ) -> NDArray[np.float64]:
-        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs)."""
+        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs).
+
+        Args:
+            dataset: the dataset with the lessons of the fragments.
+            pairs: the left and the right fragment of each pair.
+        """
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._predict_raw_rewards(steps.observations, steps.actions))
@@ -234,7 +244,10 @@ def _index_rows(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use.
 
-    ``first_rows`` are those of `get_first_rows`, and ``longest`` is the number of steps of the longest fragment.
+    Args:
+        fragments: the n fragments.
+        first_rows: the row of each lesson's first step, as `get_first_rows` returns it.
+        longest: the number of steps of the longest fragment.
     """
     rows = torch.zeros(len(fragments), longest, dtype=torch.int64)
     inside = torch.zeros(len(fragments), longest)
@@ -251,7 +264,14 @@ def _mean_rewards(
 ) -> torch.Tensor:
     """Return a network's mean reward over the steps of each fragment, float32[n].
 
-    The network evaluates each different observation once. The rows and the mask ``inside`` are those of `_index_rows`.
+    The network evaluates each different observation once.
+
+    Args:
+        member: the network.
+        steps: the steps of all lessons.
+        equal_steps: for each step, the row of the first step with the same observation.
+        rows: the rows of the fragments' steps, as `_index_rows` returns them.
+        inside: the mask of these rows.
     """
     flat_rows = rows.flatten()
     distinct_rows, indices = equal_steps[flat_rows].unique(return_inverse=True)  # type: ignore[no-untyped-call]
@@ -283,7 +303,7 @@ EVERY_EPISODE = 2**31  # more episodes than a session can have
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
-    """Return the ensemble's disagreement on each pair: the variance of the probability of its right side."""
+    """Return the variance, over the networks, of the probability that each pair's right side is better, (pairs,)."""
     return np.asarray(model.predict_answers(dataset, pairs).var(axis=0))
 
 

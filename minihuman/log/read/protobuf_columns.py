@@ -114,7 +114,14 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
 
 class _Field:
-    """One field, collected from one message after the other."""
+    """One field of n messages, which is read from all of them together.
+
+    Args:
+        field: the field's descriptor.
+        data: the bytes of the messages.
+        ends: where each message ends in ``data``.
+        canonical: whether ``mark_canonical`` will be called.
+    """
 
     def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets, *, canonical: bool) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
@@ -226,7 +233,10 @@ class _Field:
 
 
 def _view_eight_bytes(data: bytes) -> Uint64Array:
-    """Return, for each position, its eight bytes as one number, so that many positions can be read at once."""
+    """Return, for each position but the last seven, its eight bytes as one little-endian number.
+
+    Thus many positions can be read at once.
+    """
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 

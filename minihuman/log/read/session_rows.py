@@ -152,7 +152,13 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
 
 
 class TopicRows:
-    """A session's messages on one topic: their positions among all messages, and their fields, read on demand."""
+    """A session's messages on one topic: their positions among all messages, and their fields, read on demand.
+
+    Args:
+        topic: a topic of ``FREQUENT_TOPICS``.
+        batches: the places of the messages, and where each begins and ends in ``data``.
+        data: the bytes of the messages, followed by ``BEYOND``.
+    """
 
     def __init__(self, topic: str, batches: Sequence[TopicMessages], data: bytes) -> None:
         self._topic = topic
@@ -199,7 +205,7 @@ class TopicRows:
         return cells
 
     def between(self, begin: int, end: int | None) -> slice:
-        """Return the rows of the messages at positions from ``begin`` to before ``end``; None is the log's end."""
+        """Return the rows of the messages at positions from ``begin`` to before ``end``; None means the log's end."""
         first = int(np.searchsorted(self.places, begin))
         if end is None:
             return slice(first, len(self.places))
@@ -207,7 +213,12 @@ class TopicRows:
 
 
 class FrequentRows:
-    """A session's messages on the most frequent topics: steps, keys and frames."""
+    """A session's messages on the most frequent topics: steps, keys and frames.
+
+    Args:
+        batches: the places of the messages by topic, and where each begins and ends in the joined chunks.
+        chunks: the bytes of the chunks that hold the messages, in order.
+    """
 
     def __init__(self, batches: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
         data = b"".join((*chunks, BEYOND))

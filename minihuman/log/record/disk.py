@@ -461,7 +461,7 @@ class GroupCommit:
         return list(files)
 
     def commit(self, files: Sequence[FileWriter]) -> None:
-        """Write the queued blocks of these files, and make them durable."""
+        """Write the queued blocks of these files and make them durable; errors are recorded in the files' writers."""
         written_files = []
         for file in files:
             with _isolate_failures():
