@@ -41,14 +41,17 @@ def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
 
 
 def escape_control_characters(text: str) -> str:
-    """Escape the control characters in a text, which could alter a terminal's display, in Python's notation."""
+    """Return a text with the control characters, which could alter a terminal's display, in Python's notation.
+
+    Line breaks and tabs stay as they are.
+    """
     if text.isprintable():  # most lines of a long list
         return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 def escape_line(text: str) -> str:
-    """Escape a text as one line for a terminal, including line breaks, which can occur in a file's name."""
+    """Return a text as one line for a terminal, with control characters and line breaks in Python's notation."""
     return escape_control_characters(text).replace("\n", "\\n")
 
 
@@ -131,7 +134,7 @@ class ExportError(MinihumanError, ValueError):
 
 
 class LearnError(MinihumanError, ValueError):
-    """An agent's study, policy file or dataset does not fit the request."""
+    """A study, a policy file, a dataset or a setting does not fit what an agent's training or use requires."""
 
 
 class QueryError(MinihumanError, ValueError):

@@ -259,7 +259,7 @@ class MovedModuleFinder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a module that has moved; None for any other name."""
+        """Return the specification of a module that has moved, from its old name; None for any other name."""
         if fullname not in MOVED_MODULES:
             return None
         is_package = any(name.startswith(f"{fullname}.") for name in MOVED_MODULES)

@@ -40,7 +40,7 @@ _LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one
 
 
 def is_sharing_violation(error: OSError) -> bool:
-    """Tell whether Windows refused a call because another program has the file open, so that a retry may succeed."""
+    """Return whether Windows refused a call because another program has the file open, so that a retry may succeed."""
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
@@ -71,7 +71,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 
 
 def keep_private(file: Path) -> None:
-    """Restrict a file that a library created to its owner, if the system and the file's owner allow it."""
+    """Restrict a file that a library created to its owner; nothing is done if the system does not allow it."""
     with contextlib.suppress(OSError):
         if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # a chmod would look like a change to caches
             os.chmod(file, OWNER_ONLY_FILE)

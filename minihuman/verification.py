@@ -126,7 +126,15 @@ def _require_compatible(
 
 @dataclass(frozen=True, slots=True)
 class _Replay:
-    """The settings of replaying logs, and the rules for which logs are replayed."""
+    """The settings of replaying logs, and the rules for which logs are replayed.
+
+    Attributes:
+        verify_log: replays a log and returns the findings.
+        processes: the largest number of processes; None for as many as suit the machine.
+        engine: "local" or "ray", as for `verify`.
+        sample: the sample of the logs to replay; None for all.
+        record: the record of earlier findings; None for none.
+    """
 
     verify_log: Callable[[Path], "_LogFindings"]
     processes: int | None
@@ -252,7 +260,10 @@ def _verify_manifest(study: Path, manifest: str) -> Iterator[VerificationLine]:
 
 
 def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
-    """Erase this machine's copies of participants who withdrew from the studies at these paths; yield what was done."""
+    """Erase this machine's copies of participants who withdrew from the studies at these paths; yield what was done.
+
+    Each line reports success, even if it states what could not be erased.
+    """
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.study import find_studies
 

@@ -49,12 +49,12 @@ class DueSession(msgspec.Struct, frozen=True):
     latest: date | None = None
 
     def line(self) -> str:
-        """Format the session as one line, with the command that resolves the situation."""
+        """Return the session as one line of a table, with the command that resolves the situation."""
         hint = _STATES[self.state][1].format(self)
         return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hint}"
 
     def words(self) -> str:
-        """Describe in words the session that is expected and when."""
+        """Return a description of the session that is expected and when, such as "due now until 2026-03-01"."""
         until = f" until {self.latest}" if self.latest else ""
         return _STATES[self.state][0].format(self, until=until)
 
@@ -123,7 +123,7 @@ def _list_due_after(
 
 
 def _find_latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Return each participant's latest readable session, and the number of each one's latest unreadable session.
+    """Return each participant's latest readable session, and the number of their latest unreadable one, by code.
 
     The participant and number of an unreadable session are taken from the names of its folders.
     """

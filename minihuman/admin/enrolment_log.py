@@ -432,7 +432,7 @@ class _SlotHolders:
 
 @cache
 def _holders_of(journal: Journal[EnrolmentEntry]) -> JournalState[EnrolmentEntry, _SlotHolders]:
-    """Return a journal's slot holders, which are kept in memory so that each line is processed once."""
+    """Return the state in which a journal's slot holders are kept in memory, so that each line is processed once."""
     return JournalState(_SlotHolders, _SlotHolders.add)
 
 

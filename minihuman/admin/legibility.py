@@ -117,7 +117,12 @@ def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
 
 
 def _walk_strings(node: Any, field: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the path of the field and the string for every string inside a value of JSON's types."""
+    """Yield the path and the text of every string inside a value of JSON's types.
+
+    Args:
+        node: the value.
+        field: the path of the value, with which all paths begin.
+    """
     match node:
         case str():
             yield field, node

@@ -136,7 +136,10 @@ def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
 
 
 def _record_departure(study_dir: Path, code: str) -> None:
-    """Record a participant's withdrawal in this machine's own enrolment log, if they have a slot there."""
+    """Record a participant's withdrawal in this machine's enrolment log, unless it is there or they have no slot.
+
+    Nothing is done if the study has no enrolment log here, or has it in a database.
+    """
     from minihuman.admin.enrolment_log import record_departure
     from minihuman.storage.system import now_text
 

@@ -118,7 +118,7 @@ class _SessionTally:
     end_reason: str = CUT_OFF
 
     def add_event(self, event: events.Event | None, log_time: int) -> None:
-        """Update the tally with an event that was logged at a time in nanoseconds."""
+        """Update the tally with an event; ``log_time`` is the log time of its message in nanoseconds since 1970."""
         match event:
             case events.SessionStarted():
                 self.started = self.started or event
@@ -134,7 +134,7 @@ class _SessionTally:
                 self.end_reason = event.reason
 
     def extend_segment(self, log_time: int) -> None:
-        """Extend the latest segment to the log time of a message."""
+        """Extend the latest segment, if there is one, to a message's log time in nanoseconds since 1970."""
         if self.spans:
             first, last = self.spans[-1]
             self.spans[-1] = (first, max(last, log_time))
@@ -311,7 +311,7 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
 
 
 def _recover_live_file(part: Path) -> FinalizedLog | None:
-    """Finish a truncated log; return None if another server has resumed the session."""
+    """Finish a truncated log and return the result; None if another server has resumed the session."""
     lease_table = open_lease_table(study_folder(part))
     if lease_table:
         return SessionLeases(lease_table).recover(part)

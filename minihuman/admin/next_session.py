@@ -348,7 +348,7 @@ def _build_resume_state(log: SessionLog) -> ResumeState:
 
 
 def _list_history(log: SessionLog, part_plan: PlayPlan) -> tuple[PlayedEpisode, ...]:
-    """List the episodes of a part that were played to an end, in the order planned."""
+    """Return the episodes of a part that were played to an end, in the order planned."""
     finished = {episode.plan.episode: episode for episode in log.episodes if episode.outcome not in (None, "abandoned")}
     history = []
     for number in range(part_plan.first, part_plan.first + part_plan.count):

@@ -82,7 +82,7 @@ class ProtocolDraft:
 
     @property
     def worlds(self) -> list[str]:
-        """Return the ids of the worlds, in order; the template's if none is given."""
+        """Return the ids of the worlds, in order; those that are usual for the draft's templates if none is given."""
         ids = self.world
         if not ids:
             template_ids = (ids for template, ids in _USUAL_WORLDS.items() if self.has(template))
@@ -189,7 +189,7 @@ class ProtocolDraft:
         return task | {"others": ", ".join(name for name in names if name not in task["actions"]) or "none"}
 
     def _describe_drawn_keys(self, actions: list[str]) -> dict[str, Any]:
-        """Return the template's variables for a block whose key map is drawn at random."""
+        """Return the template's variables for a block whose keys are drawn at random for these actions."""
         key_map = self.keys
         if self.staged or self.has("two-groups"):
             key_map = "constant"
@@ -205,7 +205,7 @@ class ProtocolDraft:
 
 
 def _describe_fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
-    """Return the template's variables for a block whose keys have fixed actions."""
+    """Return the template's variables for a block whose keys have fixed actions, given the action of each key."""
     pairs = _format_keys(keys)
     return {
         "free": False,

@@ -53,7 +53,7 @@ def record_output(study_dir: Path, kind: str, out: Path) -> str:
 
 
 def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
-    """Yield the recorded outputs of a study whose folders still exist where they were written."""
+    """Yield the recorded outputs of a study, without those whose folders no longer exist where they were written."""
     study_dir = study_dir.absolute()
     for output in _open_output_list(study_dir.parent).read():
         if output.study == study_dir.name and Path(output.path).is_dir():

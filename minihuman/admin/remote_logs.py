@@ -129,7 +129,10 @@ class _Synchronization:
         return [(name, file) for name, file in files.items() if file.participant not in withdrawn_by_study[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
-        """Bring the local log and the one in the store to the same state; report a copy that is refused."""
+        """Bring the local log and the one in the store to the same state; report a copy that is refused.
+
+        Each log that is fetched or stored is counted.
+        """
         log = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -260,7 +263,7 @@ def _is_same_segment(segment: _Segment, other: _Segment) -> bool:
 
 
 def _read_segments(log: Path) -> list[_Segment]:
-    """Read the segments of a log in order; return an empty list for an unreadable log."""
+    """Return the segments of a log in order; [] for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return []

@@ -139,7 +139,7 @@ def compare_index(study: Path) -> Iterator[str]:
 
 
 def _measure_prefix(study: Path) -> int:
-    """Return the number of characters by which a path in the study is longer than its path within the study."""
+    """Return the number of characters at the start of a path in the study that precede its path within the study."""
     return len(os.fspath(study / "_")) - len("_")
 
 
@@ -279,7 +279,7 @@ def _create_index(connection: "duckdb.DuckDBPyConnection") -> None:
 
 
 def _identify_software() -> str:
-    """Identify the software that builds the rows and their digests; rows from other software are rebuilt."""
+    """Return a text that identifies the software that builds the rows and their digests; other rows are rebuilt."""
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 

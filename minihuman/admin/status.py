@@ -243,7 +243,12 @@ def list_problems(
 
 
 def _list_finished_segments(rows: Iterable[SessionRow], folders: LogFolders) -> dict[str, list[str]]:
-    """Return the numbers of the segments that each finished log holds, by the log's name."""
+    """Return the numbers of the finished segments that each finished log holds, by the log's name.
+
+    Args:
+        rows: the study's session index.
+        folders: the folders with logs, each with its file names.
+    """
     n_segments = {row.path.name: row.summary.segments for row in rows if row.summary}
     finished = {}
     for folder, names in folders:
@@ -313,7 +318,7 @@ def _gather_status(study_dir: Path) -> StudyStatus:
 
 
 def _find_live_folders(folders: LogFolders) -> frozenset[Path]:
-    """Find the folders in which a session is being recorded."""
+    """Return the folders in which a session is being recorded."""
     live = set()
     for folder, names in folders:
         parts = [folder / name for name in names if name.endswith(PART_SUFFIX)]
@@ -346,7 +351,7 @@ def _describe_progress(summary: SessionSummary) -> str:
 
 
 def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
-    """Describe how far a session is, and anything unusual about its log or its player."""
+    """Describe how far a session is, and anything unusual about its log or its player, in words with commas between."""
     if is_running:
         parts = ["running"]
     else:

@@ -215,7 +215,10 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 
 
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
-    """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
+    """Return whether an archive holds all these files, with their contents, and only files of this participant.
+
+    False if it cannot be read.
+    """
     try:
         with zipfile.ZipFile(archive) as archive_file:
             names = set(archive_file.namelist())

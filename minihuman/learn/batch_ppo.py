@@ -61,7 +61,7 @@ class Losses:
     minibatches: int = 0
 
     def means(self) -> tuple[float, float, float, float, float]:
-        """Return the means over the minibatches, in the order of the fields."""
+        """Return the means of the sums over the minibatches, in the order of the fields; 0 without minibatches."""
         n = max(1, self.minibatches)
         return self.policy / n, self.value / n, self.entropy / n, self.kl / n, self.clipped / n
 
@@ -143,7 +143,7 @@ class BatchPpo:
         return CurvePoint(self.steps, self.episodes, return_mean, success, length_mean, *losses, self._cpu_s)
 
     def _set_learning_rate(self) -> None:
-        """Set the learning rate of an update; with a linear schedule, it falls to 0 over the run."""
+        """Set the learning rate of the next update; with a linear schedule, it falls to 0 over the run."""
         rate = self._settings.learning_rate
         if self._settings.schedule == "linear":
             rate *= self._get_remaining_share()
@@ -151,7 +151,7 @@ class BatchPpo:
             group["lr"] = rate
 
     def _get_remaining_share(self) -> float:
-        """Return the share of the run's steps that remain, which falls from 1 to 0."""
+        """Return the share of the run's steps that remain; it falls from 1 to 0."""
         return max(0.0, 1 - self.steps / self._settings.steps)
 
     def _collect(self) -> Batch:

@@ -100,18 +100,18 @@ class StagedCurriculum(Curriculum):
             self._latest.clear()
 
     def save(self) -> dict[str, Any]:
-        """Return the state in plain values."""
+        """Return the curriculum's state in plain values, for ``restore``."""
         return {**super().save(), "stage": self._stage, "latest": list(self._latest)}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Restore the state that ``save`` returned."""
         super().restore(saved)
         self._stage = saved["stage"]
         self._latest.clear()
         self._latest.extend(saved["latest"])
 
     def describe(self) -> str:
-        """Return the number of the present world."""
+        """Return the number of the present world, such as "stage 1 of 3"."""
         return f"stage {self._stage + 1} of {self._n_worlds}"
 
 
@@ -152,19 +152,19 @@ class PrioritizedLevelReplay(Curriculum):
             del self._played_at[easiest]
 
     def save(self) -> dict[str, Any]:
-        """Return the state in plain values."""
+        """Return the curriculum's state in plain values, for ``restore``."""
         remembered = [(*level, score, self._played_at[level]) for level, score in self._scores.items()]
         return {**super().save(), "remembered": remembered, "episodes": self._episodes}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Restore the state that ``save`` returned."""
         super().restore(saved)
         self._scores = {TrainingLevel(world, seed): score for world, seed, score, _ in saved["remembered"]}
         self._played_at = {TrainingLevel(world, seed): episode for world, seed, _, episode in saved["remembered"]}
         self._episodes = saved["episodes"]
 
     def describe(self) -> str:
-        """Return the number of levels that can be played again."""
+        """Return the number of levels that can be played again, such as "40 levels to replay"."""
         return f"{len(self._scores)} levels to replay"
 
     def _draw_scored(self) -> TrainingLevel:

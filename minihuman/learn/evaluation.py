@@ -105,7 +105,7 @@ class _LevelQueue:
             if self._playing[number] < len(self._levels):
                 score = EpisodeScore(float(self._returns[number]), int(self._lengths[number]), has_succeeded)
                 self.scores[self._playing[number]] = score
-            self._playing[number] = max(self._playing) + 1
+            self._playing[number] = max(self._playing) + 1  # the next in the queue; too high once it is empty
         self._returns[over] = 0.0
         self._lengths[over] = 0
         if ended:

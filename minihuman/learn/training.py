@@ -355,7 +355,7 @@ def _read_job_checkpoint(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
 
 
 def _write_curve(points: list[CurvePoint], path: Path) -> None:
-    """Write a learning curve as CSV, with a row for each point."""
+    """Write a learning curve with at least one point as CSV, with a row for each point."""
     rows = io.StringIO()
     writer = csv.DictWriter(rows, list(asdict(points[0])), lineterminator="\n")
     writer.writeheader()
@@ -395,7 +395,7 @@ def _evaluate(
 ) -> TrainingReport:
     """Return the report of a run, with the evaluations of the policy and its clone on fresh levels.
 
-    There are none for a team world, or if the settings ask for no evaluation.
+    The report has no evaluations for a team world, or if the settings ask for none.
     """
     episodes = job.settings.evaluation
     if not episodes or is_team:

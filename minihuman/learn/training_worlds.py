@@ -147,7 +147,7 @@ class BatchWorlds(TrainingWorlds):
         self.missions = [""] * batch.num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in the worlds with these numbers, each at its level."""
         mask = np.zeros(self.num_envs, np.bool_)
         mask[list(numbers)] = True
         seeds: list[int | None] = [None] * self.num_envs
@@ -157,7 +157,7 @@ class BatchWorlds(TrainingWorlds):
         self._store_observations(self._batch.reset(seed=seeds, options=options)[0])
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Take one action in every world."""
+        """Take one action in every world, and return the rewards and ends."""
         within_bounds = clip_actions(self._batch.single_action_space, actions)
         observation, rewards, terminated, truncated, _ = self._batch.step(within_bounds)
         self._store_observations(observation)
@@ -184,7 +184,7 @@ class WorldsInTurn(TrainingWorlds):
         self._observations: list[Any] = [None] * num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in the worlds with these numbers, each at its level."""
         for number, level in zip(numbers, levels, strict=True):
             envs = self._worlds[number]
             if level.world not in envs:
@@ -195,7 +195,7 @@ class WorldsInTurn(TrainingWorlds):
         self._stack_observations()
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Take one action in every world."""
+        """Take one action in every world, and return the rewards and ends."""
         rewards = np.zeros(self.num_envs)
         terminated = np.zeros(self.num_envs, np.bool_)
         truncated = np.zeros(self.num_envs, np.bool_)

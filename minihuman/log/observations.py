@@ -109,7 +109,7 @@ def encode_png(picture: NDArray[np.uint8]) -> bytes:
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)  # 8 bits of each, RGB
+    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)  # 8 bits, RGB, the usual methods, no interlacing
     compressed = zlib.compress(lines.data, 1)
     chunks = (_pack_chunk(b"IHDR", header), _pack_chunk(b"IDAT", compressed), _pack_chunk(b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

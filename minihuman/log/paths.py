@@ -117,7 +117,7 @@ class SegmentPath:
 
 
 def is_plain_log_name(name: str) -> bool:
-    """Return whether a file name is that of a finished session log, not of another program's or system's file."""
+    """Return whether a file name is one that minihuman gives a finished session log."""
     return name.endswith(LOG_SUFFIX) and bool(_LOG_NAME.search(name)) and not is_system_companion(name)
 
 

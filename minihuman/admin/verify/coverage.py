@@ -62,7 +62,12 @@ class Sample:
         return [logs[index] for index in sorted(indices.tolist())]
 
     def describe(self, n_drawn: int, n_logs: int) -> str:
-        """Describe the sample in a phrase, given the number of sessions that were drawn and of all sessions."""
+        """Describe the sample in a phrase.
+
+        Args:
+            n_drawn: the number of sessions that were drawn.
+            n_logs: the number of all sessions.
+        """
         return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
 
 
@@ -104,7 +109,11 @@ class VerificationRecord:
             self._read_line(line, number)
 
     def _read_line(self, line: bytes, number: int) -> None:
-        """Read a line; skip a line that a cut-off run left unfinished."""
+        """Read the line with a number; skip a line that a cut-off run left unfinished.
+
+        Raises:
+            LogError: if the line is of another kind.
+        """
         try:
             verified = msgspec.json.decode(line, type=_VerifiedLog)
         except msgspec.DecodeError as error:

@@ -367,13 +367,18 @@ def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[i
 
 
 def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:
-    """Return the messages that were shown to a seat in the team's episodes."""
+    """Return the messages that were shown to a seat in the team's episodes.
+
+    Args:
+        log: the log of the seat.
+        played: the team's episodes according to this log.
+    """
     episodes = {episode.plan.episode for episode, _ in played.values()}
     return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
 
 
 def _count_equal_steps(record: TeamRecord, other: TeamRecord) -> int:
-    """Count the joint steps on which two records agree before the first difference."""
+    """Return the number of joint steps on which two records agree before their first difference."""
     n_compared = min(len(record.actions), len(other.actions))
     is_equal = (record.actions[:n_compared] == other.actions[:n_compared]).all(axis=1)
     return int(is_equal.cumprod().sum())  # the product is 0 from the first difference on

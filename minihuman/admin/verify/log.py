@@ -85,7 +85,7 @@ def _find_segment_differences(contents: LogContents, index: int, make_world: Wor
 
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
-    """Yield a line for each segment whose chain head differs from the enrolment log's."""
+    """Yield a line for each segment whose chain head differs from the one in the enrolment log, if that has one."""
     recorded_heads = _find_chain_heads(study_folder(path)).get(path.name, {})
     for segment in contents.segments:
         if segment.end is None or segment.number not in recorded_heads:
@@ -312,7 +312,7 @@ def _describe_rules(session: SessionLog) -> Iterator[tuple[str, bool]]:
 
 
 def _describe_differences(differences: Sequence[str]) -> Iterator[tuple[str, bool]]:
-    """Yield the first differences, and how many more there are."""
+    """Yield the first ``MAX_DIFFERENCES`` differences, and how many more there are, each as a failure."""
     yield from ((difference, False) for difference in differences[:MAX_DIFFERENCES])
     if len(differences) > MAX_DIFFERENCES:
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
@@ -363,7 +363,11 @@ def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterato
 
 
 def _find_session_differences(log: Path, make_world: WorldFactory) -> list[str]:
-    """Return the differences in all files of a session."""
+    """Return the differences in all files of a session.
+
+    Raises:
+        LogError: if a file cannot be read or replayed.
+    """
     differences: list[str] = []
     for file in list_session_files(log):
         with raise_as_log_error(file, "proven"):

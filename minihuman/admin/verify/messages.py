@@ -81,9 +81,9 @@ class MessageVerifier:
         return b""
 
     def try_accept(self, message: LogMessage, event: Event) -> bool:
-        """Accept the next message, which certainly has its event's bytes and times, without comparing it.
+        """Accept the next message without comparing it, since it certainly has the bytes and times of its event.
 
-        Return False, and do nothing, if previews belong to it, which must be compared.
+        Return False, and do nothing, if previews belong to the message, since these must be compared.
         """
         if self._waiting or self._previews.is_pose_per_step:
             return False
@@ -129,7 +129,7 @@ class MessageVerifier:
 
 
 def _is_as_written(expected: Message, logged: bytes) -> bool:
-    """Return whether a message has the bytes that this version of minihuman, or an earlier one, writes for it.
+    """Return whether logged bytes are those that this version of minihuman, or an earlier one, writes for a message.
 
     An expected plan is changed to the form of the earlier version.
     """

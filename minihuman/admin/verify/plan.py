@@ -122,7 +122,7 @@ def _adopt_pages(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logge
 
 
 def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
-    """Return a planned part without the fields that plans did not have when the logged part was made."""
+    """Return the expected part without the fields and feedback that plans lacked when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
     # logs of schema 2 have no feedback for later outcomes

@@ -60,7 +60,7 @@ class PolicyPlayer(SimulatedParticipant):
             )
 
     def _find_file(self, world_id: str) -> tuple[Path, Policy, PolicyCard]:
-        """Return the first loaded policy that was trained in a world; the first of all if there is none."""
+        """Return the first loaded file that was trained in a world, or else the first of all: path, policy, card."""
         for path, policy, card in self._files:
             if world_id in card.worlds:
                 return path, policy, card

@@ -223,13 +223,23 @@ class Dataset:
 
 
 def _require_lesson(rating: LessonRating, n_steps: Mapping[str, int]) -> None:
-    """Raise LearnError if a rating refers to none of the lessons, whose numbers of steps are given by name."""
+    """Raise LearnError if a rating refers to a lesson that does not exist.
+
+    Args:
+        rating: the rating.
+        n_steps: the number of steps of each lesson, by name.
+    """
     if rating.lesson not in n_steps:
         raise LearnError(f"a rating refers to lesson {rating.lesson!r}, which is not in the dataset; add that lesson")
 
 
 def _require_steps(fragment: LessonFragment, n_steps: Mapping[str, int]) -> None:
-    """Raise LearnError if a fragment has steps that its lesson lacks; the numbers of steps are given by lesson."""
+    """Raise LearnError if a fragment has steps that its lesson lacks.
+
+    Args:
+        fragment: the fragment.
+        n_steps: the number of steps of each lesson, by name.
+    """
     n_lesson_steps = n_steps.get(fragment.lesson, 0)
     if not 0 <= fragment.first <= fragment.last < n_lesson_steps:
         raise LearnError(

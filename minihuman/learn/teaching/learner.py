@@ -126,7 +126,7 @@ class _Minimiser:
         return float(np.mean(self._losses))
 
     def update(self, loss_of: Loss, *, most_norm: float, warm_up: int) -> None:
-        """Make one update with a loss; ``most_norm`` and ``warm_up`` are as in ``minimise_loss``."""
+        """Make one update with the loss of a minibatch; the arguments are those of ``minimise_loss``."""
         loss = loss_of(self._generator)
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]

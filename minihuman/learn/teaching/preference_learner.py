@@ -82,7 +82,7 @@ class RewardModel:
         return np.asarray(self._scale * standardised.mean(axis=0))
 
     def reward(self, observation: Observation, action: int) -> float:
-        """Return the reward of one step; the latest rewards are cached."""
+        """Return the standardised reward of one step; the latest rewards are cached."""
         key = (bytes([action]), *(part.tobytes() for part in observation.values()))
         if key not in self._reward_cache:
             if len(self._reward_cache) >= MAX_CACHED:
@@ -370,7 +370,11 @@ class RewardModelEnv(TrainingEnv):
         return self._before, info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Step the world; return the reward function's reward, and begin the next episode if this one terminated."""
+        """Step the world; begin the next episode, without a sign to the learner, if this one terminated.
+
+        Returns:
+            The observation, the reward function's reward, False, whether the episode is truncated, and no facts.
+        """
         before = self._before
         observation, _, terminated, truncated, _ = super().step(action)
         reward = self._reward_function(before, action, self.world)

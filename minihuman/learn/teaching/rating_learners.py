@@ -369,7 +369,7 @@ def _copy_or_make_policy(request: LearningRequest) -> Policy:
 
 
 def _find_past_probabilities(dataset: Dataset) -> NDArray[np.float64]:
-    """Return the probability of each step's action at the time it was taken, at least 0.05; 1 if it is unknown."""
+    """Return the probability of each step's action when it was taken, (n,), at least 0.05; 1 if it is unknown."""
     probabilities: list[NDArray[Any]] = []
     for lesson in dataset.lessons:
         n = len(lesson.actions)

@@ -173,7 +173,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _convert_column(name: str, column: Any) -> Iterable[Any]:
-    """Convert a column to the values of event objects."""
+    """Return the column of the field with a name as values of event objects, in which None stands for no action."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
@@ -183,7 +183,7 @@ def _convert_column(name: str, column: Any) -> Iterable[Any]:
 
 
 def _convert_cell(name: str, cell: Any) -> Any:
-    """Convert one value of a column to that of an event object."""
+    """Return one value of the field with a name as in an event object, in which None stands for no action."""
     if isinstance(cell, str):
         return cell
     number = cell.item()

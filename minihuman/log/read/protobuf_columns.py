@@ -258,6 +258,7 @@ def _decode_varints(eights: Uint64Array, positions: MessageOffsets) -> tuple[Uin
     numbers = eight & within & _SEVENS
     for bits, lower in _PAIRS:  # joins groups of 7 bits to 14, 28 and 56
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
+    # the product adds up, in its highest byte, the lowest bit of each byte within: the number of these bytes
     positions = positions + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
     unfinished = np.flatnonzero(stops == 0)  # numbers of more than eight bytes
     shift = 56

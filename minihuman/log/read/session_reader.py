@@ -116,7 +116,11 @@ class SessionAssembler:
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
-        """Store a chunk's frequent messages, observations and samples; return the others with their positions."""
+        """Store a chunk's frequent messages, observations and samples.
+
+        Returns:
+            The position among all messages, the topic and the bytes of each other message of the record.
+        """
         rare_messages: list[tuple[int, str, bytes]] = []
         chunk_begin = self._size
         for topic, positions, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
@@ -347,7 +351,13 @@ class SessionAssembler:
                 self._episodes[-1].activity_events.append(event)
 
     def _end_episode(self, position: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
-        """End the latest episode, if it has not ended yet, before the message at a position."""
+        """End the latest episode, if it has not ended yet, before the message at a position.
+
+        Args:
+            position: the position among all messages.
+            outcome: the episode's outcome; None if the log does not state one.
+            cause: what ended the episode, if no step did; "" otherwise.
+        """
         if self._episodes and self._episodes[-1].end is None:
             episode = self._episodes[-1]
             episode.end = position

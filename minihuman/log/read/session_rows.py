@@ -91,7 +91,7 @@ def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray
 
 
 def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArray[Any]]:
-    """Build the columns of ``EpisodeLog`` that have a row for each step; ``column`` returns a field of all steps."""
+    """Return the columns of ``EpisodeLog`` with a row per step, by name; ``column`` returns a field of all steps."""
     rt_ms = column("rt_ms")
     return {
         "actions": column("action").values,

@@ -366,7 +366,7 @@ class FileWriter:
 
 
 def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
-    """Take all jobs from a queue; the caller must be the queue's only reader."""
+    """Take all jobs that are in a queue, and return them; the caller must be the queue's only reader."""
     waiting = []
     while not jobs.empty():
         waiting.append(jobs.get())
@@ -407,7 +407,7 @@ class GroupCommit:
         self._thread: threading.Thread | None = None
 
     def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
-        """Schedule a commit of a file's queued blocks, after ``GATHER_S`` or at once."""
+        """Schedule a commit of a file's queued blocks, in ``GATHER_S`` seconds or at once."""
         if at_once:
             self._hurried.append(file)
         else:

@@ -278,6 +278,7 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
     steps = copy.total[topics.STEP]
     episodes = copy.total[topics.EPISODE_START]
     end_reason = copy.end_reason or CUT_OFF
+    # True: the log is readable, since it has a plan
     return FinalizedLog(log, True, steps, episodes, end_reason, damage, damaged_copy_path=kept_path, was_finished=True)
 
 

@@ -187,7 +187,7 @@ class LiveLogEncoder:
         return begin + bytes(builder.end()) + plan_chunk
 
     def _register_channels(self, plan: SessionPlan) -> list[Channel]:
-        """Register the topics' schemas and channels, always in the same order; return the channels."""
+        """Register the schemas and channels of a plan's topics, always in the same order; return the channels."""
         topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
         return [self._register_channel(topic) for topic in topics if not topic.is_preview]
 

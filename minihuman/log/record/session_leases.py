@@ -297,5 +297,5 @@ def _contains_copy(path: Path, copy: bytes) -> bool:
 
 
 def name_session(study: str, participant: str, session: int) -> str:
-    """Return the name of a session in the database."""
+    """Return the name of a session in the database, such as "study/sub-07/ses-01"."""
     return f"{study}/{participant}/ses-{session:02d}"

@@ -145,7 +145,7 @@ class ChunkMessages:
 
 
 def _view_at_each_byte(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """View the data as an array with one value per position, so that many positions can be read at once."""
+    """Return an array with the value at each position of the data, so that many positions can be read at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
@@ -226,7 +226,7 @@ def parse_chunk(content: bytes) -> bytes:
 
 
 def parse_chunk_times(content: bytes) -> tuple[int, int]:
-    """Return the first and the last log time that a chunk states."""
+    """Return the first and the last log time that a chunk states, in nanoseconds since 1970, given its content."""
     first, last = _TIMES.unpack_from(content)
     return first, last
 

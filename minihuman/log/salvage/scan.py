@@ -330,7 +330,12 @@ class LogScanner:
             self.finished = not self.gaps
 
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
-        """Return the contents of the index records that follow a chunk, and move the file behind them."""
+        """Return the contents of the index records that follow a chunk, and move the file to the record after them.
+
+        Args:
+            file: the file, positioned after the chunk.
+            size: the size of the file in bytes.
+        """
         index_records: list[bytes] = []
         position = self._record_end
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:

@@ -176,7 +176,7 @@ def _parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 
 def _read_text(content: bytes, position: int) -> tuple[str, int]:
-    """Return the text at a position, and the position after it."""
+    """Return the text whose length is stated at a position, and the position after the text."""
     begin = position + _LENGTH_BYTES
     end = begin + _unpack_length(content, position)[0]
     return content[begin:end].decode(), end
