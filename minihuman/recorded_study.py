@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 
 def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Return a table of a study's folder or a session's log: its included rows, or all with ``with_excluded``.
+    """Return a table of ``source``, a study's folder or a log: its included rows, or all with ``with_excluded``.
 
     Raises:
-        QueryError: if there is no such table.
+        QueryError: if there is no table named ``name``.
     """
     if name not in (*TABLES, PERSON_TABLE):
         raise QueryError(f"table {name!r} does not exist; the tables are {', '.join([*TABLES, PERSON_TABLE])}")

@@ -239,6 +239,7 @@ def find_incomplete_logs(
 def _list_missing_logs(lines: Sequence[EnrolmentEntry], logs: Collection[str]) -> list[str]:
     """List the logs that have a chain head but are not in ``logs``, without those of participants who withdrew."""
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    # each log once, as it has a chain head for each of its segments
     recorded = dict.fromkeys(line.sealed for line in lines if isinstance(line, ChainHeadRecorded))
     return [name for name in recorded if name not in logs and _find_participant(name) not in withdrawn]
 

@@ -150,7 +150,7 @@ def _require_own_folder(study_dir: Path) -> None:
 
 
 def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
-    """Require that a number of participants can be enrolled, before any of them takes a slot.
+    """Require that ``count`` participants can be enrolled, before any of them takes a slot.
 
     Raises:
         AllocationError: if fewer slots are free, or the enrolment log cannot be read.

@@ -142,7 +142,10 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
 
 
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
-    """Store each entry as a file whose name contains the whole entry; an existing file is left as it is."""
+    """Store each ledger entry of a study as a file whose name contains the whole entry.
+
+    An existing file is left as it is.
+    """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = Path(folder, "entry")
         path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")

@@ -36,6 +36,7 @@ def require_legible(protocol: Protocol, source: str) -> None:
     Raises:
         ProtocolError: with everything that is illegible in any session of any group.
     """
+    # groups and sessions share texts, so that a problem can be found several times
     if problems := list(dict.fromkeys(find_illegible_in_study(protocol))):
         raise ProtocolError.of([f"{source}: {problem}" for problem in problems], source)
 

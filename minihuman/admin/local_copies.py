@@ -114,7 +114,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
         errors.append(error)
     if ask_store and not errors:  # otherwise the stores may still have copies of an interrupted withdrawal
         errors += erase(find_mark(study_dir, code))
-    for reason in dict.fromkeys(map(str, errors)):
+    for reason in dict.fromkeys(map(str, errors)):  # one cause can stop several erasures
         say(f"{code} has withdrawn, but not all of their data could be erased: {reason}; run the command again")
     if has_data and not errors:
         say(f"{code} has withdrawn: their data were erased on this machine")

@@ -44,7 +44,7 @@ _USUAL_WORLDS = {  # by template
     "team": "minihuman/Team-CrampedRoom-v0",
     "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
 }
-_STEPS = 100  # step limit for a world without a limit of its own
+_STEPS = 100  # step limit for a world that has none
 _TEAM_PERIOD_MS = 150.0  # between the joint steps of a new team study
 _MAX_DRAWN_KEYS = 9  # the digits 1 to 9
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")

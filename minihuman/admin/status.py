@@ -351,7 +351,13 @@ def _describe_progress(summary: SessionSummary) -> str:
 
 
 def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
-    """Describe how far a session is, and anything unusual about its log or its player, in words with commas between."""
+    """Return how far a session is, and what is unusual about its log or its player, in a few words.
+
+    Args:
+        row: the session's row in the session index.
+        summary: the summary in this row.
+        is_running: whether the session is being recorded now.
+    """
     if is_running:
         parts = ["running"]
     else:

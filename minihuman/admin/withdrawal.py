@@ -143,7 +143,7 @@ def _build_erasure_error(study_dir: Path, code: str, errors: list[Exception]) ->
 
     It is a RemoteStoreError if all errors are, and otherwise an ErasureError.
     """
-    distinct = list(dict.fromkeys(map(str, errors)))
+    distinct = list(dict.fromkeys(map(str, errors)))  # one cause can stop several erasures
     n_unlisted = len(distinct) - MAX_REASONS
     reasons = "; ".join(distinct[:MAX_REASONS])
     if n_unlisted > 0:
@@ -196,8 +196,13 @@ def _remove_mark(study_dir: Path, code: str) -> None:
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:
     """Free the slot of a participant who will not come back; their data are kept and remain included.
 
+    Args:
+        study_dir: the study's folder.
+        code: the participant's code.
+        note: the reason and the experimenter, for the enrolment log.
+
     Raises:
-        AllocationError: if there is no such participant.
+        AllocationError: if there is no such participant, or they withdrew before.
     """
     record_departure(study_dir, ParticipantReplaced(code, now_text(), note.reason, note.experimenter))
 
@@ -205,8 +210,15 @@ def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -
 def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path]) -> None:
     """Check the path of an archive.
 
+    Args:
+        archive: the path.
+        study_dir: the study's folder.
+        code: the code of the participant who withdraws.
+        files: the participant's files.
+
     Raises:
-        AllocationError: if it is inside the study's folder, or a file exists there that is not the archive.
+        AllocationError: if it is inside the study's folder, or a file exists there that is not an archive of these
+            files.
     """
     if archive.resolve().is_relative_to(study_dir.resolve()):
         raise AllocationError(f"{archive} is inside the study's folder; choose a path outside it with --archive")

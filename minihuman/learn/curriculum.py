@@ -66,7 +66,7 @@ class Curriculum(abc.ABC):
         if not self._settings.levels:
             return TrainingLevel(world, int(self._rng.integers(2**31)))
         number = int(self._rng.integers(self._settings.levels))
-        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)
+        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)  # a reset seed has 31 bits
 
 
 class UniformCurriculum(Curriculum):

@@ -102,6 +102,12 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
     """Replay every included episode of a world in a study's logs, checking each observation against the log.
 
+    Args:
+        source: a study's folder, or a log.
+        world: the world's Gymnasium id.
+        eyesight: the settings by which observations are encoded.
+        selection: the rule for which sessions and episodes are included.
+
     Raises:
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """

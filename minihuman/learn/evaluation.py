@@ -81,6 +81,7 @@ class _LevelQueue:
 
     def _begin(self, numbers: list[int]) -> None:
         """Begin, in the worlds with these numbers, the episodes of the levels that they play now."""
+        # a number that is too high stands for a repetition, here and in ``step``
         levels = [self._levels[self._playing[number] % len(self._levels)] for number in numbers]
         self._worlds.begin(numbers, levels)
 

@@ -99,7 +99,7 @@ def episode_seed(seed: int, episode: int) -> int:
         seed: the seed of the training run.
         episode: the number of the episode, from 0.
     """
-    return hash64((seed, "episode", episode)) % 2**31
+    return hash64((seed, "episode", episode)) % 2**31  # a reset seed has 31 bits
 
 
 EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Baselines3

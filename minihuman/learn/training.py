@@ -328,7 +328,7 @@ def _save_progress(contents: dict[str, Any], points: list[CurvePoint], out: Path
     Args:
         contents: the content of the checkpoint.
         points: the points of the curve.
-        out: the policy file, beside which the two files are written.
+        out: the policy file; the two files are written next to it.
     """
     save_atomically(contents, out.with_name(out.name + CHECKPOINT_SUFFIX))
     _write_curve(points, out.with_suffix(".csv"))
@@ -364,7 +364,7 @@ def _write_curve(points: list[CurvePoint], path: Path) -> None:
 
 
 def _make_card(job: TrainingJob, interface: _SharedInterface, steps: int) -> PolicyCard:
-    """Return the card of the trained policy."""
+    """Return the card of a policy that was trained for a number of steps."""
     first, *others = job.worlds
     return PolicyCard(
         world=first.id,

@@ -42,7 +42,7 @@ class BatchStep(NamedTuple):
 
 
 class TrainingWorlds(abc.ABC):
-    """Some worlds that are stepped together, each in an episode of its own.
+    """Some worlds that are stepped together, each in a separate episode.
 
     Attributes:
         num_envs: the number of worlds.

@@ -320,7 +320,7 @@ def _load_rows_of_kind(kind: str) -> tuple[EventRow, ...]:
 
 @cache
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
-    """Load the event rows that an activity kind defines, none if it defines no events of its own."""
+    """Load the event rows that an activity kind defines; none if it adds no events to those of every session."""
     module, _, name = kind.messages.partition(":")
     if module:
         return tuple(getattr(import_module(module), name))
@@ -330,7 +330,7 @@ def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
 def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:
     """Return the topics that these activity kinds add, each once."""
     rows = (row for kind in dict.fromkeys(kinds) for row in _load_rows_of_kind(kind))
-    return tuple(dict.fromkeys(row.topic for row in rows))
+    return tuple(dict.fromkeys(row.topic for row in rows))  # events can share a topic
 
 
 def find_topic(topic: str) -> Topic | None:

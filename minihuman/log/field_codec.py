@@ -52,7 +52,7 @@ class FieldCodec:
     name: str
     encode: Callable[[Any], Any] | None = None
     decode: Callable[[Any], Any] | None = None
-    nested: Codec | None = None  # of a field that is a message of its own
+    nested: Codec | None = None  # of a field that is itself a message
 
 
 def nested(name: str, codec: Codec) -> FieldCodec:

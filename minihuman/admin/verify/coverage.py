@@ -1,6 +1,6 @@
 """Which logs are replayed: all of them, a sample, or those that no earlier run has verified as they are now.
 
-A record of verified logs saves time and proves nothing to others: whoever can write the logs can write the record.
+A record of verified logs saves time and proves nothing to others: who can write the logs can write the record, too.
 """
 
 import math

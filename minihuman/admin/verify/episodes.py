@@ -50,7 +50,7 @@ def describe_other_rules(log: SessionLog) -> str:
 
 
 def are_proven_by_events(log: SessionLog) -> bool:
-    """Return whether a log's episodes need no replay of their own if all its events equal the session machine's.
+    """Return whether a log's episodes need no separate replay if all its events equal the session machine's.
 
     The machine steps the same worlds with the same seeds and actions, and all its events are compared. That is not
     enough for logs of earlier rules or pictures, for worlds that failed, and for teams, whose joint actions must be

@@ -154,8 +154,13 @@ def _adapt_episode(episode: EpisodePlan | None, logged: EpisodePlan | None) -> E
 def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> Iterator[str]:
     """Compare a participant's group and stratum with the allocation list, and the stratum with their answer.
 
+    Args:
+        protocol: the study's protocol.
+        segment: the segment, whose events include the answer if the participant was asked in it.
+        plan: the segment's plan.
+
     Yields:
-        The differences.
+        A line for each difference.
     """
     participant = plan.participant
     slots = build_allocation_list(protocol)
@@ -176,7 +181,13 @@ def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> 
 
 
 def _compare_group(protocol: Protocol, plan: SessionPlan, slot: AllocationSlot) -> Iterator[str]:
-    """Yield how a participant's group differs from the design's decision or, without a design, the allocation list."""
+    """Yield how a participant's group differs from the design's decision or, without a design, the allocation list.
+
+    Args:
+        protocol: the study's protocol.
+        plan: the logged plan, which has the participant.
+        slot: the participant's slot in the allocation list.
+    """
     participant = plan.participant
     assigned = participant.assigned
     has_design = protocol.allocation.design is not None

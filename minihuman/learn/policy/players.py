@@ -117,6 +117,12 @@ class PolicyAgent(BaseAgent):
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
     """Check that a policy can play the world of an episode.
 
+    Args:
+        path: the policy's file, for the error.
+        card: the policy's card.
+        plan: the episode's plan.
+        world: the episode's world.
+
     Raises:
         LearnError: if the policy was trained in another world, or with continuous actions or other observations.
     """

@@ -109,6 +109,12 @@ def read_study_dataset(
 ) -> Dataset:
     """Return the dataset of all included episodes of one world in a study's logs.
 
+    Args:
+        source: a study's folder, or a log.
+        world: the world's Gymnasium id.
+        eyesight: the settings of the policy's observations.
+        selection: the rule for which sessions and episodes are included; None for that of ``Selection()``.
+
     Raises:
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
@@ -137,7 +143,17 @@ def _build_dataset(
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
-    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons."""
+    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons.
+
+    Args:
+        episodes: the episodes, each with its log.
+        eyesight: the settings of the policy's observations.
+        sources: the logs, as the dataset names them.
+        selection: lines that say which episodes are included.
+
+    Raises:
+        LearnError: if episodes have different options, or an episode or a correction does not replay.
+    """
     plan = get_shared_plan(episodes)
     corrections = [correction for _, correction in _select_corrections(episodes)]
     corrected_actions = [int(correction.actions.max()) for correction in corrections if len(correction.actions)]

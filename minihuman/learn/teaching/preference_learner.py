@@ -445,9 +445,16 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on a function's rewards, from ``start`` or, if it is None, from fresh weights.
+    """Return a policy trained with PPO on a function's rewards in the dataset's world.
 
     The global generators of NumPy and torch are left in their present state.
+
+    Args:
+        dataset: the dataset, which has the world, its options and the settings of observations.
+        reward_function: returns the reward of a step.
+        settings: the settings of PPO.
+        seed: the seed of the training.
+        start: the policy to start from; None for fresh weights.
     """
     world = RewardModelEnv(dataset, reward_function, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)

@@ -455,6 +455,11 @@ def list_session_files(path: Path) -> list[Path]:
 def _build_session_log(path: Path, assembler: SessionAssembler, readers: list[LogReader]) -> SessionLog:
     """Build a session's log from its files, after all of them have been read.
 
+    Args:
+        path: the log, or the folder of the files.
+        assembler: the assembler, which has the files' messages.
+        readers: the readers of the files, in order.
+
     Raises:
         LogError: if a step or a key press cannot be read, or a step is missing.
         OutsideNameError: if the name of the study or the participant cannot be a file's name.

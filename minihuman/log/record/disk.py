@@ -198,7 +198,7 @@ class WriteJob:
 
 
 class FileWriter:
-    """Writes a live file and makes it durable in other threads: two of its own, or that of a ``GroupCommit``.
+    """Writes a live file and makes it durable in other threads: two that only it uses, or that of a ``GroupCommit``.
 
     With a ``GroupCommit`` the file's own ``sync`` is called only if the file was removed and has to be written again.
     """

@@ -158,7 +158,7 @@ class LiveLogEncoder:
         return self._bytes.take()
 
     def _encode_start(self, event: SessionStarted) -> bytes:
-        """Encode a segment's start: the plan in a chunk of its own, preceded by its second copy.
+        """Encode a segment's start: the plan in a separate chunk, preceded by its second copy.
 
         The copy follows the attachments. If a write is torn, a plan that can be read thus has everything that belongs
         to it.

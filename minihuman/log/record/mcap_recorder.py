@@ -2,7 +2,7 @@
 
 ``write`` encodes the events and passes the bytes to the operating system; from then on killing the process cannot lose
 them. ``begin`` and ``settle`` are its two halves, so that the frame can be drawn in between. fsync, which survives a
-power cut, takes 4 ms at the median and 25 ms at worst, so it runs in a thread of its own. A live file that a killed
+power cut, takes 4 ms at the median and 25 ms at worst, so it runs in a separate thread. A live file that a killed
 program left is resumed here, in the same segment and without a gap.
 """
 

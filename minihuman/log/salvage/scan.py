@@ -347,7 +347,7 @@ class LogScanner:
             try:
                 check_record_size(opcode, content)
             except (ValueError, struct.error):
-                break  # read again as a record of its own, and refused there
+                break  # read again as a separate record, and refused there
             index_records.append(content)
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
             position = end
