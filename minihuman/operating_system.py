@@ -234,7 +234,7 @@ def replace_file(source: Path, target: Path) -> None:
 
 
 def remove_file(path: Path, *, missing_ok: bool = False) -> None:
-    """Remove a file, retrying on Windows while another program reads it.
+    """Remove a file, retrying on Windows while another program reads it; ``missing_ok`` is that of ``Path.unlink``.
 
     Raises:
         OSError: as for ``os.unlink``.

@@ -312,7 +312,7 @@ class Session:
         )
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the session's tables, such as "steps" or "episodes": the included rows, or all.
+        """Read the session's table named ``name``, such as "steps": the included rows, or all with ``with_excluded``.
 
         Raises:
             QueryError: if there is no such table.
@@ -359,7 +359,7 @@ class Session:
 
 
 def read_session(path: Path, selection: Selection) -> Session:
-    """Read one log, or a session's folder.
+    """Read one log, or a session's folder; ``selection`` is the rule for which episodes are included.
 
     Raises:
         LogError: if it cannot be read.
@@ -402,7 +402,7 @@ class Study:
         return tuple(self._opened[1].lines())
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the study's tables, such as "steps" or "participants": the included rows, or all.
+        """Read the study's table named ``name``, such as "episodes": the included rows, or all with ``with_excluded``.
 
         Raises:
             QueryError: if there is no such table.

@@ -157,7 +157,8 @@ def _plan_replay(
     """Return the settings of replaying logs, from the arguments of `verify`.
 
     Raises:
-        MinihumanError: if the sample is not a share between 0 and 1, or the record is a file of another kind.
+        MinihumanError: if the sample is not a share between 0 and 1, its seed is negative, or the record is a file of
+            another kind.
     """
     replay = _Replay(
         verify_log=partial(_verify_log, trust=trust, policies=policies),
@@ -198,6 +199,12 @@ def _replay_sample(path: Path, logs: Sequence[Path], replay: _Replay, sample: "S
     """Yield the findings about a sample of logs, and then how many logs were not verified.
 
     Each finding that reports success also says that it is about a sample.
+
+    Args:
+        path: the path that holds the logs.
+        logs: the logs from which the sample is drawn.
+        replay: the settings of replaying.
+        sample: the sample.
     """
     drawn = sample.draw(logs)
     description = sample.describe(len(drawn), len(logs))
@@ -283,7 +290,7 @@ def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> _LogFindings:
-    """Replay a log and return the findings; the options are those of `verify`."""
+    """Replay a log and return the findings; ``trust`` and ``policies`` are those of `verify`."""
     from minihuman.admin.verify.log import is_of_our_worlds, verify_session
 
     lines = list(_convert_findings(log, verify_session(log, trust=trust, policies=policies)))

@@ -241,7 +241,7 @@ def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) ->
 
 
 def record_team(study_dir: Path, entry: TeamRecorded) -> None:
-    """Record the seats of a team, unless they are recorded already.
+    """Record the seats of a team in a block of a session, unless they are recorded already.
 
     Raises:
         OSError: if the enrolment log cannot be written.

@@ -137,7 +137,13 @@ def _walk_strings(node: Any, field: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
-    """Yield a message for each text of a part that does not fit its screen, and each title longer than a line."""
+    """Yield a message for each text of a part that does not fit its screen, and each title longer than a line.
+
+    Args:
+        part: the part of the session.
+        words: the interface's texts in the study's language.
+        faces: the fonts that set the titles.
+    """
     match part.plan:
         case PlayPlan() as play:
             yield from _find_long_play_texts(part.name, play, words)

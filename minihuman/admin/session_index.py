@@ -194,6 +194,11 @@ def _handle_unusable_index(cache: Path, error: Exception) -> _Storing:
 def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
     """Update rows in place: read sessions whose row is missing or stale, and drop rows whose log is gone.
 
+    Args:
+        rows: the rows, by the key of their session.
+        study: the study's folder.
+        folders: the folders with logs, each with its file names; None to search for them.
+
     Returns:
         The keys of the sessions that were read, and the keys of the rows that were dropped.
     """

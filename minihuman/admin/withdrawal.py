@@ -116,7 +116,7 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
     """Erase a participant's data in every place, even if an earlier place fails, and record this for other machines.
 
     Returns:
-        The number of table files removed from their remote store; None if there is none.
+        The number of table files removed from their remote store; None if there is no store for tables.
 
     Raises:
         RemoteStoreError: if data could not be erased from a remote store; all else has then been erased.

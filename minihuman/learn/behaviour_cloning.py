@@ -297,7 +297,7 @@ def _pick_rows(
 
 
 def _add_mirrored_steps(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
-    """Return steps followed by the same steps with mirrored images, and with left and right actions exchanged."""
+    """Return steps followed by the same steps mirrored: images flipped, and left and right actions exchanged."""
     images, missions, actions = steps
     left_right_axis = 2  # grid codes are [step, channel, column, row]
     if eyes == "atari":
@@ -460,7 +460,7 @@ def _collect_numbers(
 
 
 def _evaluate_player(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
-    """Evaluate a player on the held-out episodes of a cloning study."""
+    """Evaluate a function that chooses actions on the held-out episodes of a cloning study."""
     return evaluate_policy(
         choose,
         study.world,

@@ -208,6 +208,11 @@ def _describe_worlds(job: TrainingJob) -> _SharedInterface:
 def _require_learnable_actions(job: TrainingJob, action_space: spaces.Space[Any], *, is_team: bool) -> None:
     """Check that PPO can learn the actions of a job's worlds.
 
+    Args:
+        job: the worlds and settings.
+        action_space: the action space of the first world.
+        is_team: whether it is a team world.
+
     Raises:
         LearnError: if the actions are neither numbered nor vectors, or are vectors and people are to be cloned.
     """

@@ -315,7 +315,13 @@ def _get_image_space(world: Any) -> Any:
 
 
 def _make_batch(choice: WorldChoice, world: World, num_envs: int) -> Any:
-    """Make the vector environment of a world in compiled code; return None if the world has no such environment."""
+    """Return the vector environment that steps a world in compiled code; None if the world has no such environment.
+
+    Args:
+        choice: the id and options of the world.
+        world: a world of this id and these options.
+        num_envs: the number of worlds in the environment.
+    """
     native = world.unwrapped
     spec = world.env.spec
     if not isinstance(native, NativeWorld) or spec is None:

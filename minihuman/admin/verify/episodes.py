@@ -206,7 +206,7 @@ def _compare_step(
 
 
 def _read_logged_success(episode: EpisodeLog, index: int) -> bool | None:
-    """Return whether a step was a success according to the log; None if the log does not record it."""
+    """Return whether the step with an index, from 0, was a success according to the log; None if it is not recorded."""
     if episode.successes is None or np.isnan(episode.successes[index]):
         return None
     return bool(episode.successes[index])

@@ -56,6 +56,10 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
     Segments recorded before session rules and hash chains existed are left to ``verify``.
 
+    Args:
+        path: the log.
+        make_world: makes the worlds in which the log is replayed.
+
     Raises:
         LogError: if the log cannot be read.
         WorldError: if a world in its plan cannot be created here.
@@ -73,7 +77,13 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
-    """Yield a line for each part of the segment at an index that does not follow from the rest of the log."""
+    """Yield a line for each part of a segment that does not follow from the rest of the log.
+
+    Args:
+        contents: the contents of the log.
+        index: the segment's index in them.
+        make_world: makes the worlds in which the segment is replayed.
+    """
     segment = contents.segments[index]
     segments_so_far = contents.segments[: index + 1]
     yield from _compare_metadata(segment)
@@ -351,7 +361,7 @@ def _replay_session(
 
 
 def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterator[tuple[str, bool]]:
-    """Yield the result of replaying the episodes, with the warnings that belong to it."""
+    """Yield the warnings about a session and the first difference that the replay of its episodes found, if any."""
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:

@@ -143,7 +143,7 @@ def _is_as_written(expected: Message, logged: bytes) -> bool:
 
 
 def _drop_later_defaults(plan_json: str, logged_json: str) -> str:
-    """Return a part's plan as JSON without the fields that the logged plan lacks, since a later version added them."""
+    """Return a part's plan as JSON without the fields that the logged plan, also JSON, does not have."""
     plan = msgspec.json.decode(plan_json)
     logged = msgspec.json.decode(logged_json)
     if not isinstance(plan, dict) or not isinstance(logged, dict):

@@ -45,6 +45,10 @@ class WorldTape:
     def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
         """Make a world that writes to this tape and reads from it.
 
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world; None for none.
+
         Raises:
             WorldError: if the world cannot be created here.
         """
@@ -215,7 +219,11 @@ class WorldPool:
         self.all_repeat = True
 
     def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
-        """Make a world, or take one that is idle.
+        """Make a world, or take one that is idle and has the same id and options.
+
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world; None for none.
 
         Raises:
             WorldError: if the world cannot be created here.

@@ -32,7 +32,12 @@ class ActionDistribution(abc.ABC):
 
     @abc.abstractmethod
     def log_probability(self, outputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        """Return the log-probability, or the logarithm of the density, of each row's action, float32[batch]."""
+        """Return the log-probability, or the logarithm of the density, of each row's action, float32[batch].
+
+        Args:
+            outputs: the policy's outputs.
+            actions: an action for each row, as ``draw`` returns them.
+        """
 
     @abc.abstractmethod
     def entropy(self, outputs: torch.Tensor) -> torch.Tensor:

@@ -114,7 +114,7 @@ class RewardModel:
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _predict_raw_rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return each member's reward of each step before standardisation, of shape (members, n)."""
+        """Return each network's reward of each step before standardisation, of shape (members, n)."""
         with torch.no_grad():
             member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
         return np.asarray(torch.stack(member_rewards).double())

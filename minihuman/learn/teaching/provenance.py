@@ -183,7 +183,7 @@ def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: i
 
 
 def _find_differences(policy: Policy, relearned: Policy) -> list[str]:
-    """Return a line about each array of weights in which two policies differ, with the largest difference."""
+    """Return a line about each array of weights in which two policies differ, with the largest absolute difference."""
     relearned_weights = relearned.state_dict()
     differences = []
     for name, weights in policy.state_dict().items():

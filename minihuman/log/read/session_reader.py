@@ -294,7 +294,7 @@ class SessionAssembler:
         return SampleSequence(messages[_slice_between(positions, begin, end)], segment.start_ns)
 
     def _find_observations(self, draft: _EpisodeDraft, steps: int) -> ObservationSequence | None:
-        """Return the observations of an episode; None if the log does not have all of them."""
+        """Return the observations of an episode with a number of steps; None if the log does not have all of them."""
         positions, messages = self._unread[topics.OBSERVATION]
         observed = messages[_slice_between(positions, draft.begin, draft.end)]
         if len(observed) > steps:

@@ -360,7 +360,7 @@ def _write_finished_log(
 
 @contextmanager
 def _open_finished_log(target: Path, indexes: IndexType = IndexType.ALL) -> Iterator[LogCopier]:
-    """Open a new finished log for writing; it is durable when the context exits."""
+    """Open a new finished log for writing, with these kinds of index; it is durable when the context exits."""
     with write_durably(target) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True, index_types=indexes)
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)

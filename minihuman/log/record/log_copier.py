@@ -79,7 +79,13 @@ class LogCopier:
             self._add_previews(self._previews.finish(), self._last)
 
     def add_metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
-        """Add a metadata record; if ``sealed``, with the head of the hash chain, which covers the record."""
+        """Add a metadata record.
+
+        Args:
+            name: the name of the record.
+            facts: its contents, which are written as text.
+            sealed: whether to add the head of the hash chain, which covers the record.
+        """
         record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
         self._flush()  # so that the record comes after the messages before it
         self.chain.add_metadata(record)

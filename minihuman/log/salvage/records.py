@@ -263,7 +263,7 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """Return the position of the next intact record at or after a byte of a file.
+    """Return the position of the next intact record of a file, at or after position ``begin``.
 
     None if there is none, or if ``MAX_CANDIDATES`` places that look like the start of a record are not intact records.
     """

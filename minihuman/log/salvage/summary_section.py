@@ -51,7 +51,7 @@ class LogSummary:
 
 
 def all_ended_cleanly(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
-    """Return whether every segment that started also ended normally."""
+    """Return whether every segment that started also ended normally, from the metadata of starts and ends."""
     return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
 
 
