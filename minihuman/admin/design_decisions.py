@@ -141,7 +141,7 @@ def _compute_statistics(
         study_dir: the study's folder.
 
     Returns:
-        The statistics, and the number of participants in the study whose log the enrolment log names but is missing.
+        The statistics, and the number of participants whose first session has ended but whose log is missing.
     """
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in withdrawn}

@@ -187,7 +187,10 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 
 
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
-    """List the study's teams in the order in which they formed, with one entry per block, without withdrawn members."""
+    """Return the entries of the study's teams, one for each team and block, in the order in which they were recorded.
+
+    Members who withdrew are left out of them.
+    """
     lines = read_enrolment_log(study_dir)
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     teams = []
@@ -291,9 +294,9 @@ def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
-    """Return the number of manual interventions of each kind, and under "without a reason" of those that state none.
+    """Return the number of manual interventions of each kind, by the kind's name.
 
-    Kinds that never occurred are absent.
+    The number of interventions without a reason is under "without a reason". Kinds that never occurred are absent.
     """
     kinds = {
         ParticipantWithdrawn: "withdrawn",

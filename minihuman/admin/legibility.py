@@ -42,7 +42,10 @@ def require_legible(protocol: Protocol, source: str) -> None:
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """Yield a message for each text that cannot be read on the screen, in any session of any group."""
+    """Yield a message for each text that cannot be read on the screen, in any session of any group.
+
+    A text that several groups or sessions share can be reported several times.
+    """
     first_slots: dict[str, AllocationSlot] = {}
     for slot in build_allocation_list(protocol):
         first_slots.setdefault(slot.group, slot)

@@ -111,6 +111,7 @@ def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
 
     Raises:
         LogError: if the file is missing from the study's folder, or was changed.
+        MinihumanError: if no agent can be made from it.
     """
     if is_registered_agent(policy):
         return make_agent(policy)

@@ -88,7 +88,7 @@ _NOTICE_HEADER = "Since this was made, these participants withdrew from the stud
 
 
 def _erase_tables(folder: Path, study: str, code: str) -> None:
-    """Erase the partitions of a participant of a study from a folder of tables."""
+    """Erase the files of a participant of a study from a folder of tables that has files of several participants."""
     store = FolderStore(folder)
     partitions = map(TablePartition.parse, store.names(""))
     owner = (study, code)

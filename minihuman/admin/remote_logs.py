@@ -298,7 +298,7 @@ def _require_same_session(log: Path, file: StudyFile) -> None:
 
 
 def _make_alternative_name(log: Path) -> str:
-    """Return a name for a log whose own name is that of another log of the session; it has the start of its MD5."""
+    """Return another file name for a log whose name is taken; it has the first eight digits of the log's MD5."""
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
 

@@ -206,7 +206,7 @@ def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotati
 def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
     """Yield a line for each annotation whose episode number is impossible in any session.
 
-    Other episode numbers are not compared with the session's plan here, but by ``verify``.
+    Only ``verify`` compares the possible numbers with the plan of the annotation's session.
     """
     for path, annotation in _read_all_annotations(folders):
         from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation

@@ -55,13 +55,13 @@ class Demonstrations:
         return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
-        """Return only the demonstrations of the given participants."""
+        """Return a copy with only the demonstrations of the given participants."""
         return replace(
             self, episodes=tuple(episode for episode in self.episodes if episode.participant in participants)
         )
 
     def first(self, count: int) -> "Demonstrations":
-        """Return the first ``count`` demonstrations, taking one of each participant in turn."""
+        """Return a copy with ``count`` demonstrations: the first of each participant, then each second, and so on."""
         queues: dict[str, list[Demonstration]] = {participant: [] for participant in self.participants}
         for episode in self.episodes:
             queues[episode.participant].append(episode)

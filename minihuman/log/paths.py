@@ -154,7 +154,7 @@ def study_folder(log: Path) -> Path:
 
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield ``top`` and each folder below it that have an MCAP file, with all their file names; do not follow links."""
+    """Yield each folder that has an MCAP file, ``top`` included, with all its file names; do not follow links."""
     pending_folders = [os.fspath(top)]
     while pending_folders:
         folder = pending_folders.pop()

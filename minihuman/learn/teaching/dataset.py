@@ -60,7 +60,7 @@ class Lesson:
         return self.corrects is None and bool(self.by_person.all())
 
     def part(self, first: int, last: int) -> "Lesson":
-        """Return a lesson with the steps from ``first`` to ``last``, inclusive."""
+        """Return a lesson with only the steps from ``first`` to ``last``, inclusive, counted from 0."""
         chosen = slice(first, last + 1)
         probabilities = self.policy_probabilities
         if probabilities is not None:

@@ -191,7 +191,7 @@ class _EncodedAnswers:
 
 
 def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _EncodedAnswers:
-    """Return comparisons, with an answer other than "cannot tell", as tensors."""
+    """Return comparisons as tensors; the answer of each must be in ``SHARES``, so that it is not "cannot tell"."""
     first = get_first_rows(dataset)
     left_sides = [comparison.left for comparison in comparisons]
     right_sides = [comparison.right for comparison in comparisons]

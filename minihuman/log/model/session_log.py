@@ -331,7 +331,11 @@ class EpisodeLog:
     infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of ``info`` that the plan keeps; None without any
 
     def __post_init__(self) -> None:
-        """Refuse columns whose lengths do not match the number of steps."""
+        """Check that each column has as many rows as the number of steps requires.
+
+        Raises:
+            ValueError: if a column has another number of rows.
+        """
         n_steps = len(self.actions)
         n_states = n_steps + 1
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):

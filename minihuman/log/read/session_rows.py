@@ -60,7 +60,7 @@ class SampleSequence(Sequence[events.Sampled]):
         return self._read_sample(self._messages[index])
 
     def _read_sample(self, message: bytes) -> events.Sampled:
-        """Decode a sample, and shift its time to session time."""
+        """Return the sample in a message, with its time shifted to session time."""
         sampled = decode_event(topics.SAMPLE, message)
         assert isinstance(sampled, events.Sampled)
         return replace(sampled, t_ns=sampled.t_ns + self._start_ns)

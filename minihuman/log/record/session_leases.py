@@ -91,7 +91,12 @@ class Lease:
         return None, writes
 
     def _note_copied(self, piece: LogPiece | None, writes: int) -> None:
-        """Record that a piece of the log has been copied, None for no piece, and with it a number of durable writes."""
+        """Record what has been copied.
+
+        Args:
+            piece: the piece of the log that was copied; None if nothing was left to copy.
+            writes: the number of the recorder's writes that are copied now.
+        """
         self.copied_writes = writes
         if piece is not None:
             self._copied[piece.file] = piece.start + len(piece.data)

@@ -264,7 +264,7 @@ class LogScanner:
             size: the size of the file in bytes.
 
         Returns:
-            The record, if it is one that readers use; otherwise nothing.
+            A list with the parsed record; an empty list for a kind of record that readers do not use.
 
         Raises:
             ValueError: if the record is not intact.
