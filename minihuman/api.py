@@ -26,7 +26,7 @@ Listener = Callable[[str], None]
 
 
 def _ignore(_: str) -> None:
-    """Do nothing: the default of functions that are called with lines about the progress."""
+    """Do nothing with a line about progress; this is the default of the parameters that are called with such lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ def _require_no_interrupted_session(protocol: Path, data: Path, study: "Protocol
     """Check that no interrupted session of the study is waiting to be resumed.
 
     Raises:
-        AllocationError: if one is; the message explains how to resume it.
+        AllocationError: if one is; the message has the command that resumes it, with the file ``protocol``.
     """
     from minihuman.admin.next_session import find_interrupted_session
     from minihuman.errors import AllocationError
@@ -223,7 +223,7 @@ def _report_unused_slots(study_folder: Path, on_start: Listener) -> None:
 def _plan_session(
     study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **planning_options: Any
 ) -> "SessionPlan":
-    """Take the participant's slot, or the next free one for None; plan its session and report it with ``on_start``.
+    """Take a slot and plan its session, as ``plan_next_session`` does with these options; report it with ``on_start``.
 
     Raises:
         DeviceError: if the study has sounds and no sound device opens; no slot is taken then.
@@ -309,7 +309,7 @@ def _simulate_models(
     max_price: float,
     on_progress: Listener,
 ) -> Iterator[Path]:
-    """Play sessions with a language model, yield the path of each log, and report progress and costs."""
+    """Play sessions with a language model as ``simulate`` does, yield each log's path, and report progress and cost."""
     from minihuman.runtime.model_run import ModelRun
     from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
@@ -400,7 +400,7 @@ def publish(
     selection: "Selection | None" = None,
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
-    """Write a folder to upload to a public archive: an export in its format, a card, the citation and metadata.
+    """Write a folder to upload to a public archive: an export in the archive's format, a card, a citation and metadata.
 
     Facts that the protocol's ``[about]`` lacks are read from ``about.toml`` in the study's folder.
 
@@ -470,7 +470,7 @@ def report(
 
 
 def open_session(path: Path | str, selection: "Selection | None" = None) -> "Session":
-    """Open one log, or a session's folder.
+    """Read a session from one log or its folder; ``selection`` is the rule for which episodes are included.
 
     Raises:
         LogError: if it cannot be read.
@@ -482,7 +482,7 @@ def open_session(path: Path | str, selection: "Selection | None" = None) -> "Ses
 
 
 def open_study(path: Path | str, selection: "Selection | None" = None) -> "Study":
-    """Open a study's folder, whether it holds one session or many.
+    """Open a study's folder; ``selection`` is the rule for which sessions and episodes are included.
 
     Raises:
         LogError: if there is no such folder.

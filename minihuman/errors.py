@@ -10,7 +10,7 @@ _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})  # disk full, qu
 
 @contextmanager
 def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
-    """Add a file name to an OSError that has none, as the system's calls on open files raise it.
+    """Add the file name ``path`` to an OSError of the enclosed code that names no file, as for calls on open files.
 
     Raises:
         OSError: the original error, with the file's name.
@@ -41,14 +41,17 @@ def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
 
 
 def escape_control_characters(text: str) -> str:
-    """Escape the control characters in a text, which could alter a terminal's display, in Python's notation."""
+    """Return a text with the control characters, which could alter a terminal's display, in Python's notation.
+
+    Line breaks and tabs stay as they are.
+    """
     if text.isprintable():  # most lines of a long list
         return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 def escape_line(text: str) -> str:
-    """Escape a text as one line for a terminal, including line breaks, which can occur in a file's name."""
+    """Return a text as one line for a terminal, with control characters and line breaks in Python's notation."""
     return escape_control_characters(text).replace("\n", "\\n")
 
 
@@ -72,7 +75,12 @@ class ProtocolError(MinihumanError, ValueError):
 
     @classmethod
     def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
-        """Create the error for one or more mistakes; its message states the first one and where to find the others."""
+        """Create the error for one or more mistakes; its message states the first one and where to find the others.
+
+        Args:
+            mistakes: one line for each mistake, at least one.
+            source: the protocol's file, for the command that lists all mistakes.
+        """
         more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)
@@ -126,7 +134,7 @@ class ExportError(MinihumanError, ValueError):
 
 
 class LearnError(MinihumanError, ValueError):
-    """An agent's study, policy file or dataset does not fit the request."""
+    """A study, a policy file, a dataset or a setting does not fit what an agent's training or use requires."""
 
 
 class QueryError(MinihumanError, ValueError):

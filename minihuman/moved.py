@@ -229,7 +229,7 @@ def warn_of_old_name(old_name: str, new_name: str) -> None:
 
 
 def forward_names(module: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a module from which some names have moved."""
+    """Return a ``__getattr__`` for the module named ``module``, from which some names have moved."""
 
     def get(name: str) -> Any:
         return _get_moved(module, name)
@@ -259,7 +259,7 @@ class MovedModuleFinder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a module that has moved; None for any other name."""
+        """Return the specification of a module that has moved, from its old name; None for any other name."""
         if fullname not in MOVED_MODULES:
             return None
         is_package = any(name.startswith(f"{fullname}.") for name in MOVED_MODULES)

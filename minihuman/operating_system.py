@@ -40,7 +40,7 @@ _LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one
 
 
 def is_sharing_violation(error: OSError) -> bool:
-    """Tell whether Windows refused a call because another program has the file open, so that a retry may succeed."""
+    """Return whether Windows refused a call because another program has the file open, so that a retry may succeed."""
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
@@ -71,7 +71,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 
 
 def keep_private(file: Path) -> None:
-    """Restrict a file that a library created to its owner, if the system and the file's owner allow it."""
+    """Restrict a file that a library created to its owner; nothing is done if the system does not allow it."""
     with contextlib.suppress(OSError):
         if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # a chmod would look like a change to caches
             os.chmod(file, OWNER_ONLY_FILE)
@@ -80,7 +80,7 @@ def keep_private(file: Path) -> None:
 def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
     """Open a file in binary mode and return its descriptor.
 
-    Child processes do not inherit it, and the file can be renamed.
+    The flags and the mode are those of ``os.open``. Child processes do not inherit it, and the file can be renamed.
 
     Raises:
         OSError: as for ``os.open``.
@@ -127,7 +127,7 @@ def open_without_waiting(path: Path) -> int:
 
 
 def read_at(fd: int, count: int, offset: int) -> bytes:
-    """Read up to ``count`` bytes at an offset, without moving the file's position.
+    """Read up to ``count`` bytes at a byte offset, fewer at the end of the file, without moving the file's position.
 
     Raises:
         OSError: if the bytes cannot be read.
@@ -225,7 +225,7 @@ def is_owned_by_user(status: os.stat_result) -> bool:
 
 
 def replace_file(source: Path, target: Path) -> None:
-    """Replace a file by another in one step; on Windows this also works while the replaced file is open.
+    """Rename ``source`` to ``target`` in one step, replacing the file there; on Windows, even while that file is open.
 
     Raises:
         OSError: as for ``os.replace``.
@@ -234,7 +234,7 @@ def replace_file(source: Path, target: Path) -> None:
 
 
 def remove_file(path: Path, *, missing_ok: bool = False) -> None:
-    """Remove a file, retrying on Windows while another program reads it.
+    """Remove a file, retrying on Windows while another program reads it; ``missing_ok`` is that of ``Path.unlink``.
 
     Raises:
         OSError: as for ``os.unlink``.

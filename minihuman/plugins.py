@@ -61,7 +61,7 @@ def list_plugin_names(group: str, *, built_in: bool = False) -> tuple[str, ...]:
 
 @cache
 def _list_names(group: str, module: str, path: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of a group's entries whose modules begin with ``module``; ``path`` is ``sys.path``.
+    """Return the sorted names of a group's entries whose modules begin with ``module``; ``path`` is ``sys.path``.
 
     The result is cached for each ``sys.path``, because one command calls this function hundreds of times.
     """

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 
 def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Return a table of a study's folder or a session's log: its included rows, or all with ``with_excluded``.
+    """Return a table of ``source``, a study's folder or a log: its included rows, or all with ``with_excluded``.
 
     Raises:
-        QueryError: if there is no such table.
+        QueryError: if there is no table named ``name``.
     """
     if name not in (*TABLES, PERSON_TABLE):
         raise QueryError(f"table {name!r} does not exist; the tables are {', '.join([*TABLES, PERSON_TABLE])}")
@@ -45,7 +45,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
 
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a small table with a caption as HTML."""
+    """Return the HTML of a small table: its caption, the heads of its columns and its rows of cells."""
     from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
     table = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
@@ -104,7 +104,7 @@ class Episode:
 
     @property
     def seed(self) -> int:
-        """The seed of the layout."""
+        """The seed with which the world was reset."""
         return self.recorded.plan.seed
 
     @property
@@ -312,7 +312,7 @@ class Session:
         )
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the session's tables, such as "steps" or "episodes": the included rows, or all.
+        """Read the session's table named ``name``, such as "steps": the included rows, or all with ``with_excluded``.
 
         Raises:
             QueryError: if there is no such table.
@@ -359,7 +359,7 @@ class Session:
 
 
 def read_session(path: Path, selection: Selection) -> Session:
-    """Read one log, or a session's folder.
+    """Read one log, or a session's folder; ``selection`` is the rule for which episodes are included.
 
     Raises:
         LogError: if it cannot be read.
@@ -402,7 +402,7 @@ class Study:
         return tuple(self._opened[1].lines())
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the study's tables, such as "steps" or "participants": the included rows, or all.
+        """Read the study's table named ``name``, such as "episodes": the included rows, or all with ``with_excluded``.
 
         Raises:
             QueryError: if there is no such table.

@@ -91,11 +91,11 @@ class Trust:
                 file.write("".join(f"{json.dumps(line)}\n" for line in new))
 
     def holds(self, path: Path) -> bool:
-        """Tell whether a file or folder lies in a trusted folder after following its links."""
+        """Return whether a file or folder lies in one of these folders after following its links."""
         return any(path.resolve().is_relative_to(folder) for folder in self.folders)
 
     def allows(self, module: str, spec: ModuleSpec) -> bool:
-        """Tell whether a module may be imported; ``spec`` is the specification of its outermost package."""
+        """Return whether a module may be imported; ``spec`` is the specification of its outermost package."""
         return _is_known(module) or module in self.modules or any(map(self.holds, _list_module_paths(spec)))
 
     def __bool__(self) -> bool:
@@ -153,7 +153,13 @@ def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permiss
 
 
 def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
-    """Return what is not trusted yet: the folders of worlds' modules and files, and installed modules by name."""
+    """Return what is not trusted yet: the folders of worlds' modules and files, and installed modules by name.
+
+    Args:
+        worlds: the worlds that a protocol names.
+        folder: the protocol's folder as a path without links.
+        trusted: what the user trusts.
+    """
     folders = set[Path]()
     modules = set[str]()
     for world, options in worlds:
@@ -280,7 +286,7 @@ def list_world_sources(worlds: Iterable[str]) -> dict[str, Path]:
 
 
 def _get_search_folder(module: str, path: Path) -> Path:
-    """Return the folder of the search path under which a module was imported from a file."""
+    """Return the folder of Python's search path under which a module with a full name was imported from a file."""
     n_packages = module.count(".")
     if path.name == "__init__.py":
         n_packages += 1
@@ -328,7 +334,7 @@ def _get_module(world: str) -> str:
 
 
 def _is_known(module: str) -> bool:
-    """Tell whether a module belongs to a known package.
+    """Return whether a module belongs to a known package.
 
     True also for "", which means a world that is registered already, but not for ``minihuman.__main__``.
     """
@@ -372,7 +378,7 @@ def _find_folders_with_module(module: str, trusted: Trust) -> list[tuple[Path, P
 
 
 def _append_to_module_path(folder: Path) -> None:
-    """Add a folder to the end of Python's module search path, so that nothing in it can replace a library."""
+    """Add a folder to the end of Python's module search path, where nothing in it can replace a library."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     invalidate_caches()

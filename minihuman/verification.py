@@ -126,7 +126,15 @@ def _require_compatible(
 
 @dataclass(frozen=True, slots=True)
 class _Replay:
-    """The settings of replaying logs, and the rules for which logs are replayed."""
+    """The settings of replaying logs, and the rules for which logs are replayed.
+
+    Attributes:
+        verify_log: replays a log and returns the findings.
+        processes: the largest number of processes; None for as many as suit the machine.
+        engine: "local" or "ray", as for `verify`.
+        sample: the sample of the logs to replay; None for all.
+        record: the record of earlier findings; None for none.
+    """
 
     verify_log: Callable[[Path], "_LogFindings"]
     processes: int | None
@@ -149,7 +157,8 @@ def _plan_replay(
     """Return the settings of replaying logs, from the arguments of `verify`.
 
     Raises:
-        MinihumanError: if the sample is not a share between 0 and 1, or the record is a file of another kind.
+        MinihumanError: if the sample is not a share between 0 and 1, its seed is negative, or the record is a file of
+            another kind.
     """
     replay = _Replay(
         verify_log=partial(_verify_log, trust=trust, policies=policies),
@@ -168,7 +177,7 @@ def _plan_replay(
 
 
 def _list_log_checks(path: Path, replay: _Replay) -> Iterator[Iterable[VerificationLine]]:
-    """Yield the checks of the logs at a path, then those of its studies; each runs when it is iterated over.
+    """Yield iterables of findings: about the logs at a path, then about its studies. Each runs when it is iterated.
 
     Raises:
         LogError: if the path holds neither logs nor studies.
@@ -190,6 +199,12 @@ def _replay_sample(path: Path, logs: Sequence[Path], replay: _Replay, sample: "S
     """Yield the findings about a sample of logs, and then how many logs were not verified.
 
     Each finding that reports success also says that it is about a sample.
+
+    Args:
+        path: the path that holds the logs.
+        logs: the logs from which the sample is drawn.
+        replay: the settings of replaying.
+        sample: the sample.
     """
     drawn = sample.draw(logs)
     description = sample.describe(len(drawn), len(logs))
@@ -228,7 +243,7 @@ def _replay_logs(logs: Sequence[Path], replay: _Replay) -> Iterator[Verification
 
 
 def _find_recorded(logs: Sequence[Path], record: "VerificationRecord") -> dict[Path, tuple[str, ...]]:
-    """Return the texts of the recorded findings about each log that is unchanged since it was recorded."""
+    """Return the texts of the recorded findings, by log, for each log that is unchanged since it was recorded."""
     from minihuman.admin.verify.log import find_chain_heads
 
     recorded = {}
@@ -252,7 +267,10 @@ def _verify_manifest(study: Path, manifest: str) -> Iterator[VerificationLine]:
 
 
 def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
-    """Erase this machine's copies of participants who withdrew from the studies at these paths; yield what was done."""
+    """Erase this machine's copies of participants who withdrew from the studies at these paths; yield what was done.
+
+    Each line reports success, even if it states what could not be erased.
+    """
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.study import find_studies
 
@@ -272,7 +290,7 @@ def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> _LogFindings:
-    """Replay a log and return the findings; the options are those of `verify`."""
+    """Replay a log and return the findings; ``trust`` and ``policies`` are those of `verify`."""
     from minihuman.admin.verify.log import is_of_our_worlds, verify_session
 
     lines = list(_convert_findings(log, verify_session(log, trust=trust, policies=policies)))

@@ -86,7 +86,13 @@ def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stra
 
 
 def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
-    """Take the interim look that is due in a sequential study, at the time ``at``; return None if none is due.
+    """Take the interim look that is due in a sequential study; return None if the study has no looks or none is due.
+
+    Args:
+        protocol: the study's protocol.
+        lines: the lines of the enrolment log so far.
+        study_dir: the study's folder.
+        at: the time to record for the look, in ISO 8601 and UTC.
 
     Raises:
         AllocationError: if the study has stopped.
@@ -110,6 +116,9 @@ def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Pa
 def require_not_stopped(looks: Sequence[LookTaken]) -> None:
     """Check that a sequential study has not stopped, before a further participant is enrolled.
 
+    Args:
+        looks: the interim looks taken so far, in order.
+
     Raises:
         AllocationError: if the study has stopped.
     """
@@ -123,7 +132,17 @@ def require_not_stopped(looks: Sequence[LookTaken]) -> None:
 def _compute_statistics(
     protocol: Protocol, design: EnrolmentDesign, lines: Sequence[EnrolmentEntry], study_dir: Path
 ) -> tuple[dict[str, Any], int]:
-    """Compute a design's statistics from these lines of the enrolment log, and count the logs that are missing."""
+    """Compute a design's statistics from these lines of the enrolment log and the logs that they name.
+
+    Args:
+        protocol: the study's protocol.
+        design: the design that assigns groups or decides when to stop.
+        lines: the lines of the enrolment log before the decision.
+        study_dir: the study's folder.
+
+    Returns:
+        The statistics, and the number of participants whose first session has ended but whose log is missing.
+    """
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in withdrawn}
     outcomes: dict[str, float | None] = {}  # by participant, in the order in which their sessions ended
@@ -147,7 +166,8 @@ def _compute_statistics(
 def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesign) -> dict[str, str]:
     """Return the number of the last segment of each participant's first session, by the name of the session's log.
 
-    The logs are in the order in which they ended. A design without an outcome needs no logs, so that none is returned.
+    The logs are in the order in which they ended. For a design without an outcome, which needs no logs, nothing is
+    returned.
     """
     segments: dict[str, str] = {}
     if not design.outcome:
@@ -245,7 +265,14 @@ def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision 
 def _find_decision_difference(
     decision: _LoggedDecision, statistics: Mapping[str, Any], design: EnrolmentDesign, protocol: Protocol
 ) -> str:
-    """Describe how a decision differs from the one that follows from recomputed statistics; "" if it does not."""
+    """Describe how a decision differs from the one that follows from recomputed statistics; "" if it does not.
+
+    Args:
+        decision: the decision in the enrolment log.
+        statistics: the statistics recomputed from the logs.
+        design: the design that made the decision.
+        protocol: the study's protocol, whose seed selects the random numbers.
+    """
     if statistics != decision.statistics:
         return f"statistics {decision.statistics} in the enrolment log, by the logs {statistics}"
     look = decision.look

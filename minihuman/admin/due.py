@@ -49,12 +49,12 @@ class DueSession(msgspec.Struct, frozen=True):
     latest: date | None = None
 
     def line(self) -> str:
-        """Format the session as one line, with the command that resolves the situation."""
+        """Return the session as one line of a table, with the command that resolves the situation."""
         hint = _STATES[self.state][1].format(self)
         return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hint}"
 
     def words(self) -> str:
-        """Describe in words the session that is expected and when."""
+        """Return a description of the session that is expected and when, such as "due now until 2026-03-01"."""
         until = f" until {self.latest}" if self.latest else ""
         return _STATES[self.state][0].format(self, until=until)
 
@@ -107,6 +107,12 @@ def _list_due_after(
     """Return a list with the session that follows a participant's latest one; it is empty if there is none.
 
     If the log of the latest session cannot be read, that session is in the list, as unreadable.
+
+    Args:
+        last: the participant's latest session, which has ended.
+        slot: the participant's slot.
+        protocols: the protocols decoded so far, by SHA-256; that of the session is added.
+        now: the time that determines "today"; None for the current time.
     """
     try:
         log = read_log(last.row.path)
@@ -117,7 +123,7 @@ def _list_due_after(
 
 
 def _find_latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Return each participant's latest readable session, and the number of each one's latest unreadable session.
+    """Return each participant's latest readable session, and the number of their latest unreadable one, by code.
 
     The participant and number of an unreadable session are taken from the names of its folders.
     """
@@ -148,9 +154,15 @@ def _decode_protocol_once(plan: SessionPlan, protocols: dict[str, Protocol]) -> 
 
 
 def _find_next_session(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
-    """Return a list with the session that the protocol plans after the last one.
+    """Return a list with the session that the protocol plans after a participant's latest one.
 
     It is empty if no session is planned, or the participant was screened out.
+
+    Args:
+        last: the participant's latest session, which has ended.
+        log: the log of that session.
+        protocol: the protocol in that log.
+        today: the calendar day in the participant's time zone.
     """
     assert last.row.summary is not None
     if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":

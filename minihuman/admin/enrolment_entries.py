@@ -187,7 +187,10 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 
 
 def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
-    """List the study's teams in the order in which they formed, with one entry per block, without withdrawn members."""
+    """Return the entries of the study's teams, one for each team and block, in the order in which they were recorded.
+
+    Members who withdrew are left out of them.
+    """
     lines = read_enrolment_log(study_dir)
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     teams = []
@@ -217,8 +220,8 @@ def find_incomplete_logs(
 ) -> Iterator[tuple[str, bool]]:
     """Yield a line for each missing log, and for each segment whose end is not in the enrolment log.
 
-    Each line comes with whether it is acceptable, because an earlier version did not record segments. Participants who
-    withdrew have no log.
+    Each line comes with whether it is acceptable: True only for a segment's end in the log of a participant whom an
+    earlier version enrolled, since it did not record segments. The logs of participants who withdrew are not missing.
 
     Args:
         lines: the lines of the enrolment log.
@@ -239,6 +242,7 @@ def find_incomplete_logs(
 def _list_missing_logs(lines: Sequence[EnrolmentEntry], logs: Collection[str]) -> list[str]:
     """List the logs that have a chain head but are not in ``logs``, without those of participants who withdrew."""
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    # each log once, as it has a chain head for each of its segments
     recorded = dict.fromkeys(line.sealed for line in lines if isinstance(line, ChainHeadRecorded))
     return [name for name in recorded if name not in logs and _find_participant(name) not in withdrawn]
 
@@ -253,7 +257,7 @@ def find_slots_without_log(
 ) -> Iterator[tuple[str, bool]]:
     """Yield a line for each participant who holds a slot and has no log.
 
-    Each line comes with whether it is acceptable, as in studies of earlier versions.
+    Each line comes with whether it is acceptable: True for a participant whom an earlier version enrolled.
 
     Args:
         lines: the lines of the enrolment log.
@@ -290,7 +294,10 @@ def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
 
 
 def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
-    """Count manual interventions by kind, and those without a reason; kinds that never occurred are absent."""
+    """Return the number of manual interventions of each kind, by the kind's name.
+
+    The number of interventions without a reason is under "without a reason". Kinds that never occurred are absent.
+    """
     kinds = {
         ParticipantWithdrawn: "withdrawn",
         ParticipantReplaced: "replaced",
@@ -319,6 +326,10 @@ def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
 
 def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
     """Decode a line; return None for an empty line, and for kinds that other programs add.
+
+    Args:
+        line: the line's bytes, without the line break.
+        number: the line's number, for errors.
 
     Raises:
         AllocationError: if a complete line cannot be read, or a newer version wrote it.

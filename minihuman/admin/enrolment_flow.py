@@ -133,7 +133,7 @@ def parse_log_name(name: str) -> tuple[str, int] | None:
 
 
 def classify_session(summary: SessionSummary) -> SessionState:
-    """Return the state of a session: whether and how it ended."""
+    """Return the state of a session; "unfinished" if it is neither complete, nor screened out, nor failed."""
     if summary.end_reason == "screened_out":
         return "screened_out"
     if summary.end_reason == "player_failed":
@@ -187,9 +187,10 @@ def count_flow(
 
 
 def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
-    """Yield the stages up to the last session. The counts of each are those of the stage before minus its losses.
+    """Yield the stages from the people who came to those who finished the last session.
 
-    People in the first stage have no group yet, so all of its counts are under "".
+    The counts of each stage are those of the stage before minus its losses. People in the first stage have no group
+    yet, so all of its counts are under "".
     """
     yield FlowStage("came", {"": flow.came}, {label: {"": count} for label, count in flow.before.items()})
     label = "allocated to a group"
@@ -238,7 +239,7 @@ def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
 
 
 def _count_undrawn(people: Iterable[_Person]) -> dict[str, int]:
-    """Count the participants for whom no group was drawn, by a description of why."""
+    """Count the participants for whom no group was drawn, by a description of the reason."""
     counts = Counter[str]()
     for person in people:
         if person.group:
@@ -257,7 +258,7 @@ def _count_by_group(people: Iterable[_Person]) -> GroupCounts:
 
 
 def _count_session(number: int, people: Iterable[_Person]) -> SessionFlow:
-    """Count the flow through one session, starting with the participants who finished the session before."""
+    """Count the flow through the session with a number, from the participants who finished the session before it."""
     counts = {name: Counter[str]() for name in SessionFlow.__dataclass_fields__}
     for person in people:
         for name in _trace_session(number, person):
@@ -266,7 +267,7 @@ def _count_session(number: int, people: Iterable[_Person]) -> SessionFlow:
 
 
 def _trace_session(number: int, person: _Person) -> Iterator[str]:
-    """Yield the names of the fields of ``SessionFlow`` that count a participant in a session."""
+    """Yield the names of the fields of ``SessionFlow`` that count a participant in the session with a number."""
     last = person.last_session
     if number > last:
         if number == last + 1 and _went_through(last, person):
@@ -287,7 +288,7 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
 
 
 def _went_through(session: int, person: _Person) -> bool:
-    """Return whether a participant finished their last session so far and did not withdraw; True for session 0."""
+    """Return whether a participant finished a session, by its log, and did not withdraw; True for session 0."""
     if session == 0:
         return True
     return not person.is_withdrawn and person.states.get(session) == "complete"
@@ -388,5 +389,5 @@ def _label_finished(course: SessionFlow) -> str:
 
 
 def _drop_empty(losses: Mapping[str, GroupCounts]) -> dict[str, GroupCounts]:
-    """Return the losses of at least one participant."""
+    """Return those of the losses, by label, that at least one participant is counted in."""
     return {label: counts for label, counts in losses.items() if sum(counts.values())}

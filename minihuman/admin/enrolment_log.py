@@ -150,7 +150,7 @@ def _require_own_folder(study_dir: Path) -> None:
 
 
 def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
-    """Require that a number of participants can be enrolled, before any of them takes a slot.
+    """Require that ``count`` participants can be enrolled, before any of them takes a slot.
 
     Raises:
         AllocationError: if fewer slots are free, or the enrolment log cannot be read.
@@ -166,9 +166,18 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
 
 
 def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
-    """Draw the group of a participant who has answered from the first free slot of their stratum; record it durably.
+    """Draw the group of a participant from the first free slot of their stratum, and record it durably.
 
     If a killed program makes a second draw for the same stratum necessary, it returns the same slot.
+
+    Args:
+        protocol: the study's protocol.
+        study_dir: the study's folder.
+        code: the participant's code.
+        stratum: the stratum, which the participant's answer determines.
+
+    Returns:
+        The participant with the drawn slot and its group, or with a group that was chosen by hand.
 
     Raises:
         AllocationError: if the participant has no slot in the study, or the stratum has no slot left.
@@ -220,7 +229,7 @@ def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, o
 
 
 def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) -> None:
-    """Add an entry to the audit trail of a study that has an enrolment log.
+    """Add an entry to a study's enrolment log, which is its audit trail, too; do nothing if the study has none.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -232,7 +241,7 @@ def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) ->
 
 
 def record_team(study_dir: Path, entry: TeamRecorded) -> None:
-    """Record the seats of a team, unless they are recorded already.
+    """Record the seats of a team in a block of a session, unless they are recorded already.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -308,7 +317,7 @@ class _SlotHolders:
 
     @classmethod
     def of(cls, journal: Journal[EnrolmentEntry], lines: Sequence[EnrolmentEntry]) -> "_SlotHolders":
-        """Return the slot holders after all of a journal's lines."""
+        """Return the slot holders according to ``lines``, which are all lines of the journal."""
         return _holders_of(journal).after(lines)
 
     def add(self, line: EnrolmentEntry) -> None:
@@ -366,7 +375,14 @@ class _SlotHolders:
         return self.slots.get(code)
 
     def find_new_code(self, index: int, prefix: str) -> str:
-        """Return the first code of a slot that no participant has or had; a code that was freed counts as unused."""
+        """Return the first code that can be formed for a slot and that no participant has or had.
+
+        A code that was freed counts as unused.
+
+        Args:
+            index: the index of the slot, from which the code's number follows.
+            prefix: the prefix of the code, such as "sub".
+        """
         codes = (format_participant_code(index, n_earlier, prefix=prefix) for n_earlier in count())
         return next(code for code in codes if code not in self.slots)
 
@@ -398,7 +414,7 @@ class _SlotHolders:
         )
 
     def find_next_slot_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
-        """Return the first free slot of a stratum.
+        """Return the first slot of a stratum's part of the allocation list that no participant holds.
 
         Raises:
             AllocationError: if all slots of the stratum are taken.
@@ -416,12 +432,16 @@ class _SlotHolders:
 
 @cache
 def _holders_of(journal: Journal[EnrolmentEntry]) -> JournalState[EnrolmentEntry, _SlotHolders]:
-    """Return a journal's slot holders, which are kept in memory so that each line is processed once."""
+    """Return the state in which a journal's slot holders are kept in memory, so that each line is processed once."""
     return JournalState(_SlotHolders, _SlotHolders.add)
 
 
 def _resume_enrolment(slot: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
     """Return the participant who took a slot earlier, and that slot, after checking the group that was asked for.
+
+    Args:
+        slot: the participant's slot.
+        group: the group that was asked for; None for any.
 
     Raises:
         AllocationError: if ``group`` is given and is not the participant's group.
@@ -442,7 +462,12 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
 
 
 def _require_same_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
-    """Require that the protocol's allocation list begins with the list of the study's first slot.
+    """Require that the protocol's allocation list begins with the list from which an earlier slot was taken.
+
+    Args:
+        first_slot: the slot to compare with, which names its list by digest and length; None if no slot was taken.
+        study_dir: the study's folder, for the error.
+        protocol: the study's protocol.
 
     Raises:
         AllocationError: if the study began with another list.

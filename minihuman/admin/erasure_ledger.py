@@ -96,7 +96,7 @@ class ErasureLedger:
             _store_entries(self._store, self._study, new)
 
     def _write_locally(self, entries: Iterable[LedgerEntry]) -> None:
-        """Append entries to the ledger in the data folder, which all studies there share."""
+        """Append entries to the ledger file in the data folder, which all studies there share."""
         ordered = sorted(entries, key=lambda entry: (entry.fact, entry.code, entry.machine))
         if ordered:
             path = self._data / LEDGER_FILE_NAME
@@ -142,7 +142,10 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
 
 
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
-    """Store each entry as a file whose name contains the whole entry; an existing file is left as it is."""
+    """Store each ledger entry of a study as a file whose name contains the whole entry.
+
+    An existing file is left as it is.
+    """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = Path(folder, "entry")
         path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")
@@ -169,7 +172,12 @@ def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
 
 
 def _list_pending(entries: frozenset[LedgerEntry], withdrawn: frozenset[str]) -> dict[str, list[str]]:
-    """Return, for each machine with erasures outstanding, the codes of the participants it has not erased."""
+    """Return the codes of the participants whose data a machine has not erased, by the number of each such machine.
+
+    Args:
+        entries: the entries of the ledger; machines that are declared lost are left out.
+        withdrawn: the codes of the participants who withdrew.
+    """
     lost = {entry.machine for entry in entries if entry.fact == "lost"}
     machines = {entry.machine for entry in entries if entry.fact == "holds"} - lost
     erased = {(entry.machine, entry.code) for entry in entries if entry.fact == "erased"}

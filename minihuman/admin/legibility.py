@@ -36,12 +36,16 @@ def require_legible(protocol: Protocol, source: str) -> None:
     Raises:
         ProtocolError: with everything that is illegible in any session of any group.
     """
+    # groups and sessions share texts, so that a problem can be found several times
     if problems := list(dict.fromkeys(find_illegible_in_study(protocol))):
         raise ProtocolError.of([f"{source}: {problem}" for problem in problems], source)
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """Yield a message for each text that cannot be read on the screen, in any session of any group."""
+    """Yield a message for each text that cannot be read on the screen, in any session of any group.
+
+    A text that several groups or sessions share can be reported several times.
+    """
     first_slots: dict[str, AllocationSlot] = {}
     for slot in build_allocation_list(protocol):
         first_slots.setdefault(slot.group, slot)
@@ -53,7 +57,7 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield a message for each text of a session that cannot be read on the screen, which says how to fix it."""
+    """Yield a message for each text of a session that cannot be read on the screen; each message says how to fix it."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
@@ -66,7 +70,12 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """Yield at most one message: the first text with a character that no font has, and the number of such texts."""
+    """Yield at most one message: the first text with a character that no font has, and the number of such texts.
+
+    Args:
+        plan: the session's plan.
+        faces: the fonts that set the plan's texts.
+    """
     missing_by_field = [(field, faces.missing(text)) for field, text in _list_texts(plan)]
     undrawable = [(field, character) for field, character in missing_by_field if character]
     if undrawable:
@@ -78,7 +87,12 @@ def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[
 
 
 def describe_missing_face(character: str, more: str = "") -> str:
-    """Explain that no font has a character, and how to install one that does; ``more`` follows the character."""
+    """Explain that no font has a character, and how to install one that does.
+
+    Args:
+        character: the character.
+        more: a text that follows the character in the message, such as the number of further texts; "" for none.
+    """
     return (
         f"no face on this machine can set {character!r} (U+{ord(character):04X}){more}; install a Noto font that can "
         f"(Debian: fonts-noto-core, fonts-noto-cjk; or put its file, such as NotoSansSC-Regular.otf for Chinese, into "
@@ -107,7 +121,12 @@ def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
 
 
 def _walk_strings(node: Any, field: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the path of the field and the string for every string inside a value of JSON's types."""
+    """Yield the path and the text of every string inside a value of JSON's types.
+
+    Args:
+        node: the value.
+        field: the path of the value, with which all paths begin.
+    """
     match node:
         case str():
             yield field, node
@@ -121,7 +140,13 @@ def _walk_strings(node: Any, field: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
-    """Yield a message for each text of a part that does not fit its screen, and each title longer than a line."""
+    """Yield a message for each text of a part that does not fit its screen, and each title longer than a line.
+
+    Args:
+        part: the part of the session.
+        words: the interface's texts in the study's language.
+        faces: the fonts that set the titles.
+    """
     match part.plan:
         case PlayPlan() as play:
             yield from _find_long_play_texts(part.name, play, words)

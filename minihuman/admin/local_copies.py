@@ -114,7 +114,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
         errors.append(error)
     if ask_store and not errors:  # otherwise the stores may still have copies of an interrupted withdrawal
         errors += erase(find_mark(study_dir, code))
-    for reason in dict.fromkeys(map(str, errors)):
+    for reason in dict.fromkeys(map(str, errors)):  # one cause can stop several erasures
         say(f"{code} has withdrawn, but not all of their data could be erased: {reason}; run the command again")
     if has_data and not errors:
         say(f"{code} has withdrawn: their data were erased on this machine")
@@ -122,7 +122,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
 
 
 def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
-    """Erase a participant's logs and tables from their remote stores; return the errors."""
+    """Erase a participant's logs and tables from their remote stores; return the errors, empty if all were erased."""
     from minihuman.admin.remote_logs import delete_remote_logs
     from minihuman.dataset.remote_tables import delete_remote_tables
 
@@ -136,7 +136,10 @@ def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
 
 
 def _record_departure(study_dir: Path, code: str) -> None:
-    """Record a participant's withdrawal in this machine's own enrolment log, if they have a slot there."""
+    """Record a participant's withdrawal in this machine's enrolment log, unless it is there or they have no slot.
+
+    Nothing is done if the study has no enrolment log here, or has it in a database.
+    """
     from minihuman.admin.enrolment_log import record_departure
     from minihuman.storage.system import now_text
 

@@ -76,7 +76,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
 
 
 def _tally_messages(readers: Iterable[LogReader]) -> "_SessionTally":
-    """Read the messages of a session's files, given in order, and count the session's progress."""
+    """Read the messages of a session's files, given in order, and return the session's progress as a tally."""
     tally = _SessionTally()
     for reader in readers:
         for message in reader.messages():
@@ -90,7 +90,12 @@ def _tally_messages(readers: Iterable[LogReader]) -> "_SessionTally":
 
 
 def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
-    """Return whether a session ended as complete, or was interrupted when only its closing pages were left to show."""
+    """Return whether a session ended as complete, or was interrupted when only its closing pages were left to show.
+
+    Args:
+        tally: the counts of the session's messages.
+        plan: the session's plan.
+    """
     if tally.end_reason == "complete":
         return True
     if tally.end_reason in events.FINAL_END_REASONS:
@@ -113,7 +118,7 @@ class _SessionTally:
     end_reason: str = CUT_OFF
 
     def add_event(self, event: events.Event | None, log_time: int) -> None:
-        """Update the tally with an event that was logged at a time in nanoseconds."""
+        """Update the tally with an event; ``log_time`` is the log time of its message in nanoseconds since 1970."""
         match event:
             case events.SessionStarted():
                 self.started = self.started or event
@@ -129,7 +134,7 @@ class _SessionTally:
                 self.end_reason = event.reason
 
     def extend_segment(self, log_time: int) -> None:
-        """Extend the latest segment to the log time of a message."""
+        """Extend the latest segment, if there is one, to a message's log time in nanoseconds since 1970."""
         if self.spans:
             first, last = self.spans[-1]
             self.spans[-1] = (first, max(last, log_time))
@@ -204,7 +209,7 @@ def _format_segment_line(segment: Segment) -> str:
 
 
 def _build_segment_facts(segment: Segment) -> dict[str, Any]:
-    """Return a segment as the JSON summary shows it."""
+    """Return the facts about a segment for the JSON summary of a session; names that end in _s or _ns give the unit."""
     return {
         "segment": segment.number,
         "started_at": segment.started_at,
@@ -230,7 +235,10 @@ def _format_episode_line(episode: EpisodeLog) -> str:
 
 
 def _build_episode_facts(episode: EpisodeLog) -> dict[str, Any]:
-    """Return an episode as both summaries show it."""
+    """Return the facts about an episode that its line and the JSON summary of a session show.
+
+    Names that end in _s or _ms give the unit. The median reaction time is None if no step has a key press.
+    """
     plan = episode.plan
     times_ms = response_ms(episode)
     answered = times_ms[~np.isnan(times_ms)]
@@ -303,7 +311,7 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
 
 
 def _recover_live_file(part: Path) -> FinalizedLog | None:
-    """Finish a truncated log; return None if another server has resumed the session."""
+    """Finish a truncated log and return the result; None if another server has resumed the session."""
     lease_table = open_lease_table(study_folder(part))
     if lease_table:
         return SessionLeases(lease_table).recover(part)
@@ -316,7 +324,7 @@ def _record_recovery(log: Path, outcome: str, note: AuditNote) -> None:
 
 
 def _add_missing_heads(log: Path) -> int:
-    """Record an undamaged log's missing chain heads; return their number, or 0 if the log is damaged."""
+    """Record an undamaged log's missing chain heads, and return their number; it is 0 for a damaged log."""
     try:
         with raise_as_log_error(log):
             read_segment_starts(log)

@@ -66,7 +66,7 @@ def record_missing_heads(log: Path) -> int:
 
 
 def find_unrecorded_logs(study: Path) -> list[Path]:
-    """Find the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
+    """Return the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
     lines = open_enrolment_log(study).read()
     recorded = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
     logs = []
@@ -156,7 +156,7 @@ def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
 
 
 def _read_manifest(path: Path) -> StudyManifest | None:
-    """Read a manifest file; None if it is not one."""
+    """Return the manifest in a file; None if the file cannot be read or is not a manifest."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=StudyManifest)
     except (OSError, msgspec.DecodeError, UnicodeDecodeError):

@@ -93,7 +93,13 @@ def plan_next_session(
 
 
 def _finish_leftovers(folder: Path, study_dir: Path, publish: Callable[[Path], None]) -> None:
-    """Finish the truncated logs in a session's folder, and record this in the enrolment log."""
+    """Finish the truncated logs in a session's folder, and record this in the enrolment log.
+
+    Args:
+        folder: the session's folder.
+        study_dir: the study's folder.
+        publish: stores each log, once it is finished and before it is renamed, where all servers find it.
+    """
     for part in find_leftovers(folder):
         finished = recover_log(part, publish)
         if finished.readable:
@@ -103,7 +109,13 @@ def _finish_leftovers(folder: Path, study_dir: Path, publish: Callable[[Path], N
 
 
 def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
-    """Draw the group of a participant who has answered, and plan their session.
+    """Draw the group of a participant who has answered the question about their stratum, and plan their session.
+
+    Args:
+        protocol: the study's protocol.
+        data: the data folder.
+        undrawn: the plan of the session without a group.
+        stratum: the stratum that the answer determines.
 
     Raises:
         AllocationError: if the stratum has no free slot.
@@ -120,7 +132,7 @@ def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, str
 
 
 def _read_previous_session(study_dir: Path, participant: str | None, session: int) -> SessionLog:
-    """Read the log of the session before a later one, and require that it is complete.
+    """Read the log of a participant's session before ``session``, and require that it is complete.
 
     Raises:
         AllocationError: if no participant is named, or the previous session is missing, incomplete or was screened out.
@@ -148,6 +160,13 @@ def _is_on_other_day(
     protocol: Protocol, previous: SessionLog, session: int, utc_offset_min: int | None, *, allowed: bool
 ) -> bool:
     """Return whether a session is run today although the protocol plans it for another day.
+
+    Args:
+        protocol: the study's protocol.
+        previous: the log of the participant's session before this one.
+        session: the number of the session; 1 is the first.
+        utc_offset_min: the participant's offset from UTC in minutes; None uses that of the previous session.
+        allowed: whether it may be run on another day.
 
     Raises:
         AllocationError: if so, and this is not allowed.
@@ -237,7 +256,14 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
 def _require_due_today(
     protocol: Protocol, previous: SessionLog, session: int, utc_offset_min: int | None = None
 ) -> None:
-    """Raise AllocationError unless a session is due today, counted in days after the previous one."""
+    """Raise AllocationError unless a session is due today, counted in days after the previous one.
+
+    Args:
+        protocol: the study's protocol.
+        previous: the log of the participant's session before this one.
+        session: the number of the session; 1 is the first.
+        utc_offset_min: the participant's offset from UTC in minutes; None uses that of the previous session.
+    """
     if session > len(protocol.sessions):
         return
     days_after_previous = protocol.sessions[session - 1].days_after_previous
@@ -258,7 +284,7 @@ def is_session_complete(log: SessionLog) -> bool:
 
 
 def find_remaining_episodes(log: SessionLog) -> list[int]:
-    """Return the numbers of the episodes that are neither completed nor skipped."""
+    """Return the numbers of a log's planned episodes that are neither completed nor skipped, in the order planned."""
     finished = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
     for event in log.part_events:
         if isinstance(event, EpisodesSkipped):
@@ -322,7 +348,7 @@ def _build_resume_state(log: SessionLog) -> ResumeState:
 
 
 def _list_history(log: SessionLog, part_plan: PlayPlan) -> tuple[PlayedEpisode, ...]:
-    """List the episodes of a part that were played to an end, in the order planned."""
+    """Return the episodes of a part that were played to an end, in the order planned."""
     finished = {episode.plan.episode: episode for episode in log.episodes if episode.outcome not in (None, "abandoned")}
     history = []
     for number in range(part_plan.first, part_plan.first + part_plan.count):

@@ -82,7 +82,7 @@ def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
 
 
 def format_payments_csv(payments: Iterator[Payment]) -> str:
-    """Format payments as CSV with a header."""
+    """Return payments as CSV text with a header of the field names; numbers with a fraction have two decimals."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Payment)])

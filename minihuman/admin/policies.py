@@ -103,7 +103,16 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
 
 
 def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
-    """Create the agent of a policy, by name if it is registered, else from its file."""
+    """Create an agent.
+
+    Args:
+        policy: the name of a registered agent, or the SHA-256 of a policy file.
+        policies: the policy files of the study.
+
+    Raises:
+        LogError: if the file is missing from the study's folder, or was changed.
+        MinihumanError: if no agent can be made from it.
+    """
     if is_registered_agent(policy):
         return make_agent(policy)
     return make_policy_agent(policies.checked(policy))
@@ -112,9 +121,15 @@ def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
 def _compute_advice_deviations(
     episode: EpisodeLog, teaching: TeachingRecord, agent: BaseAgent, world: World
 ) -> Iterator[tuple[int, float]]:
-    """Yield the index of each step with advice, and the largest deviation of its recomputed from logged probabilities.
+    """Yield the index of each step with advice, and the largest difference of its recomputed and logged probabilities.
 
     Nothing is yielded if the policy cannot play in the world and gave no advice.
+
+    Args:
+        episode: the episode, whose actions are played again.
+        teaching: the logged advice of its steps.
+        agent: the agent of the episode's policy.
+        world: a world of the episode's id and options.
 
     Raises:
         MinihumanError: if the policy cannot play in the world although it gave advice.

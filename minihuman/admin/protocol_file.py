@@ -44,7 +44,7 @@ _USUAL_WORLDS = {  # by template
     "team": "minihuman/Team-CrampedRoom-v0",
     "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
 }
-_STEPS = 100  # step limit for a world without a limit of its own
+_STEPS = 100  # step limit for a world that has none
 _TEAM_PERIOD_MS = 150.0  # between the joint steps of a new team study
 _MAX_DRAWN_KEYS = 9  # the digits 1 to 9
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
@@ -82,7 +82,7 @@ class ProtocolDraft:
 
     @property
     def worlds(self) -> list[str]:
-        """Return the ids of the worlds, in order; the template's if none is given."""
+        """Return the ids of the worlds, in order; those that are usual for the draft's templates if none is given."""
         ids = self.world
         if not ids:
             template_ids = (ids for template, ids in _USUAL_WORLDS.items() if self.has(template))
@@ -189,7 +189,7 @@ class ProtocolDraft:
         return task | {"others": ", ".join(name for name in names if name not in task["actions"]) or "none"}
 
     def _describe_drawn_keys(self, actions: list[str]) -> dict[str, Any]:
-        """Return the template's variables for a block whose key map is drawn at random."""
+        """Return the template's variables for a block whose keys are drawn at random for these actions."""
         key_map = self.keys
         if self.staged or self.has("two-groups"):
             key_map = "constant"
@@ -205,7 +205,7 @@ class ProtocolDraft:
 
 
 def _describe_fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
-    """Return the template's variables for a block whose keys have fixed actions."""
+    """Return the template's variables for a block whose keys have fixed actions, given the action of each key."""
     pairs = _format_keys(keys)
     return {
         "free": False,
@@ -340,7 +340,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
 
 
 def _is_policy_file(name: str) -> bool:
-    """Return whether an agent's name in a protocol is the name of a policy file, not of another kind of agent."""
+    """Return whether an agent's name in a protocol is that of a policy file, not that of another kind of agent."""
     if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
         return False
     return not is_registered_agent(name)
@@ -407,6 +407,11 @@ def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ..
 
 def _read_policy(folder: Path, name: str, field: str) -> bytes:
     """Return the bytes of a policy file in the protocol's folder, after checking that an agent can be made from it.
+
+    Args:
+        folder: the protocol's folder, resolved.
+        name: the file's name in the protocol.
+        field: the field that names the file, for errors.
 
     Raises:
         ProtocolError: if the file cannot be read, or no agent can be made from it.

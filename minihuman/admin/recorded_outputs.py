@@ -31,8 +31,13 @@ class RecordedOutput(msgspec.Struct, frozen=True):
 def record_output(study_dir: Path, kind: str, out: Path) -> str:
     """Record an output of a study that has an enrolment log; participants can withdraw only from such a study.
 
+    Args:
+        study_dir: the study's folder.
+        kind: the kind of output, such as "report", "export csv" or "tables".
+        out: the folder of the output.
+
     Returns:
-        The reason why a later withdrawal will not find the output; "" if it will.
+        The reason why a later withdrawal will not find the output; "" if it will, or if the study has no enrolment log.
     """
     study_dir = study_dir.absolute()
     if not (study_dir / ENROLMENT_FILE_NAME).is_file() and not find_database_url(study_dir):
@@ -48,7 +53,7 @@ def record_output(study_dir: Path, kind: str, out: Path) -> str:
 
 
 def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
-    """Yield the recorded outputs of a study whose folders still exist where they were written."""
+    """Yield the recorded outputs of a study, without those whose folders no longer exist where they were written."""
     study_dir = study_dir.absolute()
     for output in _open_output_list(study_dir.parent).read():
         if output.study == study_dir.name and Path(output.path).is_dir():
@@ -83,7 +88,7 @@ _NOTICE_HEADER = "Since this was made, these participants withdrew from the stud
 
 
 def _erase_tables(folder: Path, study: str, code: str) -> None:
-    """Erase the partitions of a participant of a study from a folder of tables."""
+    """Erase the files of a participant of a study from a folder of tables that has files of several participants."""
     store = FolderStore(folder)
     partitions = map(TablePartition.parse, store.names(""))
     owner = (study, code)

@@ -73,7 +73,13 @@ _ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
 
 @dataclass(slots=True)
 class RecruitmentState:
-    """The state of recruitment after a number of journal entries."""
+    """The state of recruitment after a number of journal entries.
+
+    Attributes:
+        issued: the hashed keys of the links that were issued.
+        came: the participant who arrived by each key.
+        recruiting: whether recruitment is open.
+    """
 
     issued: set[str] = field(default_factory=set)
     came: dict[str, str] = field(default_factory=dict)  # participant by link or hashed platform id
@@ -112,7 +118,7 @@ class Recruitment:
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
-        """Issue links and return their tokens, which are stored nowhere.
+        """Issue a number of links and return their tokens, which are stored nowhere.
 
         Raises:
             OSError: if the folder cannot be written.
@@ -145,7 +151,7 @@ class Recruitment:
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:
-        """Count the arrivals by source: personal links, and each platform."""
+        """Return the number of arrivals by source: "personal link", or the name of a platform."""
         arrivals = self._state.after(self._journal.read()).came
         sources = Counter(key.partition(":")[0] for key in arrivals)
         counts = {}
@@ -156,12 +162,19 @@ class Recruitment:
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:
-        """Lock the arrivals for all processes while the context lasts; yield them with their current state."""
+        """Lock the arrivals for all processes while the context lasts; yield their journal and current state."""
         with self._journal.hold() as journal:
             yield RecruitmentTransaction(journal, self._state.after(journal.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
-        """Return the hash of a person's platform id: an HMAC with the study's own secret."""
+        """Return the key under which a person's arrival is recorded: the platform's name and an HMAC of the id there.
+
+        The HMAC uses the study's own secret.
+
+        Args:
+            platform: the name of the recruiting platform, such as "prolific".
+            person: the person's id on that platform.
+        """
         digest = hmac.new(self._read_secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 
@@ -219,7 +232,7 @@ def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
 
 
 def _has_field_value(line: bytes, field: str, value: str) -> bool:
-    """Return whether a field of a JSON line has a value; False for a line that is not JSON."""
+    """Return whether a JSON line has ``field`` with this value; False for a line that is not JSON."""
     try:
         return bool(msgspec.json.decode(line, type=dict[str, Any]).get(field) == value)
     except msgspec.DecodeError:

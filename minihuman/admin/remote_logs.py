@@ -129,7 +129,10 @@ class _Synchronization:
         return [(name, file) for name, file in files.items() if file.participant not in withdrawn_by_study[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
-        """Bring the local log and the one in the store to the same state; report a copy that is refused."""
+        """Bring the local log and the one in the store to the same state; report a copy that is refused.
+
+        Each log that is fetched or stored is counted.
+        """
         log = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -201,7 +204,13 @@ class _Synchronization:
                 self._say(str(error))
 
     def _merge_annotations(self, file: StudyFile, path: Path, stored_path: Path, version: str) -> None:
-        """Merge local annotations with ``stored_path``, a copy of the store's; damaged ones in the store are replaced.
+        """Merge local annotations with those in the store; damaged ones in the store are replaced.
+
+        Args:
+            file: the name of both files in the study.
+            path: the local annotations, which may not exist.
+            stored_path: a temporary copy of the annotations in the store.
+            version: the version of the annotations in the store.
 
         Raises:
             LogError: if the local annotations are damaged.
@@ -240,7 +249,7 @@ class _Segment(NamedTuple):
 
 
 def _continues(log: Path, other: Path) -> bool:
-    """Return whether a log begins with all segments of another log; an unreadable log has no segments."""
+    """Return whether ``log`` begins with all segments of ``other``; a log that cannot be read has no segments."""
     segments = _read_segments(log)
     other_segments = _read_segments(other)
     return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
@@ -254,7 +263,7 @@ def _is_same_segment(segment: _Segment, other: _Segment) -> bool:
 
 
 def _read_segments(log: Path) -> list[_Segment]:
-    """Read the segments of a log in order; return an empty list for an unreadable log."""
+    """Return the segments of a log in order; [] for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return []
@@ -267,6 +276,10 @@ def _read_segments(log: Path) -> list[_Segment]:
 
 def _require_same_session(log: Path, file: StudyFile) -> None:
     """Require that a fetched log is undamaged and of the session that its path names; other programs' files pass.
+
+    Args:
+        log: the fetched copy.
+        file: the name of the log in the study.
 
     Raises:
         DamagedCopyError: if it is damaged, or of another session.
@@ -285,7 +298,7 @@ def _require_same_session(log: Path, file: StudyFile) -> None:
 
 
 def _make_alternative_name(log: Path) -> str:
-    """Return a name for a log whose own name is that of another log of the session; it has the start of its MD5."""
+    """Return another file name for a log whose name is taken; it has the first eight digits of the log's MD5."""
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
 

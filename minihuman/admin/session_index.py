@@ -139,12 +139,17 @@ def compare_index(study: Path) -> Iterator[str]:
 
 
 def _measure_prefix(study: Path) -> int:
-    """Return the number of characters by which a path in the study is longer than its path within the study."""
+    """Return the number of characters at the start of a path in the study that precede its path within the study."""
     return len(os.fspath(study / "_")) - len("_")
 
 
 def _load_rows(cache: Path) -> tuple[_Rows, _Storing, int]:
-    """Load the intact rows; return them, how to store new rows, and how many rows were changed by another program."""
+    """Load the intact rows of the index.
+
+    Returns:
+        The rows, empty if there is no index that can be used; how to store new rows; and how many rows another program
+        changed.
+    """
     rows = _Rows()
     if duckdb is None:
         return rows, "never", 0
@@ -171,7 +176,12 @@ def _load_rows(cache: Path) -> tuple[_Rows, _Storing, int]:
 
 
 def _handle_unusable_index(cache: Path, error: Exception) -> _Storing:
-    """Warn that the index cannot be used, remove it if it is broken, and return how to store new rows."""
+    """Warn that the index cannot be used, remove it if it is broken, and return how to store new rows.
+
+    Args:
+        cache: the file of the study's cache.
+        error: the error that reading the index raised.
+    """
     first_line, *_ = str(error).split("\n")
     reason = " ".join(first_line.split())
     LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", cache, reason)
@@ -183,6 +193,11 @@ def _handle_unusable_index(cache: Path, error: Exception) -> _Storing:
 
 def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
     """Update rows in place: read sessions whose row is missing or stale, and drop rows whose log is gone.
+
+    Args:
+        rows: the rows, by the key of their session.
+        study: the study's folder.
+        folders: the folders with logs, each with its file names; None to search for them.
 
     Returns:
         The keys of the sessions that were read, and the keys of the rows that were dropped.
@@ -237,7 +252,15 @@ def _store_rows(cache: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[s
 def _write_rows(
     connection: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
 ) -> None:
-    """Write the rows of the ``fresh`` keys and delete those of the ``gone`` keys; with ``is_new``, write all rows."""
+    """Write new and changed rows, and delete rows whose session is gone.
+
+    Args:
+        connection: the connection to the study's cache.
+        rows: all rows, by the key of their session.
+        fresh: the keys of the rows to write.
+        gone: the keys of the rows to delete.
+        is_new: whether to begin a new index and write all rows.
+    """
     if is_new:
         _create_index(connection)
         fresh = sorted(rows)
@@ -261,7 +284,7 @@ def _create_index(connection: "duckdb.DuckDBPyConnection") -> None:
 
 
 def _identify_software() -> str:
-    """Identify the software that builds the rows and their digests; rows from other software are rebuilt."""
+    """Return a text that identifies the software that builds the rows and their digests; other rows are rebuilt."""
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
@@ -286,12 +309,25 @@ def _list_session_files(folders: LogFolders) -> Iterator[tuple[str, list[str]]]:
 
 
 def _fingerprint_files(files: Sequence[Path | str], cached: str) -> str:
-    """Return a text that changes with the contents of files; ``cached`` is an earlier one, which may save reading."""
+    """Return a text that changes when the contents of files change.
+
+    Args:
+        files: the files of a session.
+        cached: an earlier text for these files, which may save reading them; "" for none.
+    """
     return "\n".join(describe_file(file, known=cached) for file in files)
 
 
 def _summarize_as_row(files: list[Path], study: Path) -> tuple[Any, ...]:
-    """Return "" and the summary of a session as columns, or the problem, with paths within the study, and nulls."""
+    """Return a session's problem and summary as the cells of a row.
+
+    Args:
+        files: the session's log and segments, in order.
+        study: the study's folder; the problem names paths within it.
+
+    Returns:
+        "" and the fields of ``SessionSummary``; or, if the log cannot be read, the reason and None for each field.
+    """
     try:
         return ("", *_VALUES(summarize_session(files)))
     except LogError as error:
@@ -368,6 +404,9 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
     """Yield a line for each session that was completed twice, by two servers of an earlier version without leases.
 
     Copies of one log do not count.
+
+    Args:
+        folders: the folders to search, each with its file names.
     """
     from minihuman.log.salvage.summary_section import read_summary
 

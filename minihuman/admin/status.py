@@ -79,7 +79,8 @@ def count_participant_flow(
 def _list_session_records(rows: Iterable[SessionRow]) -> Iterator[SessionRecord]:
     """Yield one record per participant and session.
 
-    Of several logs of a session, a readable one whose file has the session's name counts, otherwise the first.
+    If a session has several logs, the record is that of a readable log whose file has the session's name, or else that
+    of the first log.
     """
     records: dict[tuple[str, int], SessionRecord] = {}
     for row in rows:
@@ -155,7 +156,7 @@ def _format_flow(flow: ParticipantFlow) -> str:
 
 
 def _format_sessions(status: "StudyStatus") -> Iterator[str]:
-    """Yield a line for each log of a session; it says so if the session has several logs."""
+    """Yield a line for each log of a session; the line says so if the session has several logs."""
     n_logs_by_session = Counter(_identify_session(row.summary) for row in status.sessions if row.summary)
     for row in status.sessions:
         line = _format_session(row, is_running=bool(status.live) and row.path.parent in status.live)
@@ -205,7 +206,7 @@ def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotati
 def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
     """Yield a line for each annotation whose episode number is impossible in any session.
 
-    Other episode numbers are not compared with the session's plan here, but by ``verify``.
+    Only ``verify`` compares the possible numbers with the plan of the annotation's session.
     """
     for path, annotation in _read_all_annotations(folders):
         from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation
@@ -242,7 +243,12 @@ def list_problems(
 
 
 def _list_finished_segments(rows: Iterable[SessionRow], folders: LogFolders) -> dict[str, list[str]]:
-    """Return the numbers of the segments that each finished log holds, by the log's name."""
+    """Return the numbers of the finished segments that each finished log holds, by the log's name.
+
+    Args:
+        rows: the study's session index.
+        folders: the folders with logs, each with its file names.
+    """
     n_segments = {row.path.name: row.summary.segments for row in rows if row.summary}
     finished = {}
     for folder, names in folders:
@@ -312,7 +318,7 @@ def _gather_status(study_dir: Path) -> StudyStatus:
 
 
 def _find_live_folders(folders: LogFolders) -> frozenset[Path]:
-    """Find the folders in which a session is being recorded."""
+    """Return the folders in which a session is being recorded."""
     live = set()
     for folder, names in folders:
         parts = [folder / name for name in names if name.endswith(PART_SUFFIX)]
@@ -326,7 +332,12 @@ def _identify_session(summary: SessionSummary) -> tuple[str, str, int]:
 
 
 def _format_session(row: SessionRow, *, is_running: bool) -> str:
-    """Format a session's line, with aligned columns."""
+    """Return the line of a session's log, with aligned columns.
+
+    Args:
+        row: the session's row in the session index.
+        is_running: whether the session is being recorded now.
+    """
     summary = row.summary
     if summary is None:
         return f"{row.path}  cannot be read: {row.problem}"
@@ -340,7 +351,13 @@ def _describe_progress(summary: SessionSummary) -> str:
 
 
 def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
-    """Describe how far a session is, and anything unusual about its log or its player."""
+    """Return how far a session is, and what is unusual about its log or its player, in a few words.
+
+    Args:
+        row: the session's row in the session index.
+        summary: the summary in this row.
+        is_running: whether the session is being recorded now.
+    """
     if is_running:
         parts = ["running"]
     else:

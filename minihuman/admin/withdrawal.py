@@ -62,7 +62,10 @@ class WithdrawalResult:
 
 
 def _list_remains(study_dir: Path, code: str) -> Iterator[str]:
-    """Yield a line about each machine that still has a copy, and about the laboratory's file if it names them."""
+    """Yield a line about each machine that still has a copy, and about the laboratory's file.
+
+    The line about the file of participants is yielded only if the file names the participant.
+    """
     yield from find_pending_machines(study_dir)
     if names_participant(study_dir, code):
         yield f"{find_participants_file(study_dir)} still has a line about {code}; delete it"
@@ -113,7 +116,7 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
     """Erase a participant's data in every place, even if an earlier place fails, and record this for other machines.
 
     Returns:
-        The number of table files removed from their remote store; None if there is none.
+        The number of table files removed from their remote store; None if there is no store for tables.
 
     Raises:
         RemoteStoreError: if data could not be erased from a remote store; all else has then been erased.
@@ -136,8 +139,11 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
 
 
 def _build_erasure_error(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
-    """Return the error for data that could not be erased, with the reasons and what to do."""
-    distinct = list(dict.fromkeys(map(str, errors)))
+    """Return the error for data that could not be erased, with the reasons and what to do.
+
+    It is a RemoteStoreError if all errors are, and otherwise an ErasureError.
+    """
+    distinct = list(dict.fromkeys(map(str, errors)))  # one cause can stop several erasures
     n_unlisted = len(distinct) - MAX_REASONS
     reasons = "; ".join(distinct[:MAX_REASONS])
     if n_unlisted > 0:
@@ -190,8 +196,13 @@ def _remove_mark(study_dir: Path, code: str) -> None:
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:
     """Free the slot of a participant who will not come back; their data are kept and remain included.
 
+    Args:
+        study_dir: the study's folder.
+        code: the participant's code.
+        note: the reason and the experimenter, for the enrolment log.
+
     Raises:
-        AllocationError: if there is no such participant.
+        AllocationError: if there is no such participant, or they withdrew before.
     """
     record_departure(study_dir, ParticipantReplaced(code, now_text(), note.reason, note.experimenter))
 
@@ -199,8 +210,15 @@ def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -
 def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path]) -> None:
     """Check the path of an archive.
 
+    Args:
+        archive: the path.
+        study_dir: the study's folder.
+        code: the code of the participant who withdraws.
+        files: the participant's files.
+
     Raises:
-        AllocationError: if it is inside the study's folder, or a file exists there that is not the archive.
+        AllocationError: if it is inside the study's folder, or a file exists there that is not an archive of these
+            files.
     """
     if archive.resolve().is_relative_to(study_dir.resolve()):
         raise AllocationError(f"{archive} is inside the study's folder; choose a path outside it with --archive")
@@ -209,7 +227,10 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 
 
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
-    """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
+    """Return whether an archive holds all these files, with their contents, and only files of this participant.
+
+    False if it cannot be read.
+    """
     try:
         with zipfile.ZipFile(archive) as archive_file:
             names = set(archive_file.namelist())
@@ -225,7 +246,13 @@ def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -
 def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> Iterator[str]:
     """Write files durably into an archive and yield its SHA-256, or "" without an archive.
 
-    An error here or in the context removes the archive. One that an earlier withdrawal made of these files is kept.
+    An error here or in the context removes the archive. An existing archive, which an earlier withdrawal made of these
+    files, is kept as it is.
+
+    Args:
+        files: the participant's files.
+        archive: the path of the archive; None for no archive.
+        study_dir: the study's folder, to which the names in the archive are relative.
     """
     if archive is None:
         yield ""

@@ -31,7 +31,10 @@ _EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Bas
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """A point of the learning curve: the state of a training run after an update."""
+    """A point of the learning curve: the state of a training run after an update.
+
+    The "latest episodes" of its fields are at most ``RECENT`` episodes.
+    """
 
     steps: int
     episodes: int
@@ -58,7 +61,7 @@ class Losses:
     minibatches: int = 0
 
     def means(self) -> tuple[float, float, float, float, float]:
-        """Return the means over the minibatches, in the order of the fields."""
+        """Return the means of the sums over the minibatches, in the order of the fields; 0 without minibatches."""
         n = max(1, self.minibatches)
         return self.policy / n, self.value / n, self.entropy / n, self.kl / n, self.clipped / n
 
@@ -113,7 +116,7 @@ class BatchPpo:
         self._playing: list[EpisodeSoFar] = []
 
     def begin(self) -> None:
-        """Begin the first episode of every world."""
+        """Begin the first episode of every world at a level that the curriculum draws."""
         levels = [self._curriculum.draw() for _ in range(self._worlds.num_envs)]
         self._playing = [EpisodeSoFar(level, []) for level in levels]
         self._worlds.begin(range(self._worlds.num_envs), levels)
@@ -140,7 +143,7 @@ class BatchPpo:
         return CurvePoint(self.steps, self.episodes, return_mean, success, length_mean, *losses, self._cpu_s)
 
     def _set_learning_rate(self) -> None:
-        """Set the learning rate of an update; with a linear schedule, it falls to 0 over the run."""
+        """Set the learning rate of the next update; with a linear schedule, it falls to 0 over the run."""
         rate = self._settings.learning_rate
         if self._settings.schedule == "linear":
             rate *= self._get_remaining_share()
@@ -148,7 +151,7 @@ class BatchPpo:
             group["lr"] = rate
 
     def _get_remaining_share(self) -> float:
-        """Return the share of the run's steps that remain, which falls from 1 to 0."""
+        """Return the share of the run's steps that remain; it falls from 1 to 0."""
         return max(0.0, 1 - self.steps / self._settings.steps)
 
     def _collect(self) -> Batch:
@@ -205,9 +208,12 @@ class BatchPpo:
         return torch.stack(newest_first[::-1])
 
     def _step(self, actions: NDArray[Any]) -> torch.Tensor:
-        """Step every world, and begin the next episode where one ended; return the rewards float32[n].
+        """Step every world, and begin the next episode where one ended; return the rewards float32[worlds].
 
         At a step limit, the reward includes the discounted value of the state that followed.
+
+        Args:
+            actions: an action for each world.
         """
         joint_step = self._worlds.step(actions)
         rewards = joint_step.rewards.astype(np.float32)
@@ -226,7 +232,12 @@ class BatchPpo:
         return torch.from_numpy(rewards)
 
     def _end_episodes(self, ended: NDArray[np.int64], has_succeeded: NDArray[np.bool_]) -> None:
-        """Count the episodes that ended, and tell the curriculum whether they succeeded."""
+        """Count the episodes that ended, and tell the curriculum whether they succeeded.
+
+        Args:
+            ended: the numbers of the worlds whose episodes ended.
+            has_succeeded: for each world, whether its episode ended in success, bool[worlds].
+        """
         self.episodes += len(ended)
         for i in ended.tolist():
             self._recent.append((float(self._returns[i]), bool(has_succeeded[i]), int(self._lengths[i])))
@@ -235,9 +246,12 @@ class BatchPpo:
         self._lengths[ended] = 0
 
     def _estimate_value_beyond(self, limited: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return the discounted value of the states at which step limits ended episodes, float32[n]; 0 elsewhere.
+        """Return the discounted value of each state at which a step limit ended an episode, float32[worlds].
 
-        ``limited`` says in which worlds a step limit has just ended an episode.
+        It is 0 for the other worlds.
+
+        Args:
+            limited: for each world, whether a step limit has just ended its episode, bool[worlds].
         """
         discounted_values = np.zeros(len(limited), np.float32)
         numbers = np.flatnonzero(limited)
@@ -249,7 +263,7 @@ class BatchPpo:
         return discounted_values
 
     def _begin_next(self, ended: list[int]) -> None:
-        """Begin the next episode in the worlds whose episodes ended, at levels that the curriculum draws."""
+        """Begin the next episode in the worlds whose numbers are in ``ended``, at levels that the curriculum draws."""
         levels = [self._curriculum.draw() for _ in ended]
         for number, level in zip(ended, levels, strict=True):
             if self._curriculum.needs_scores:
@@ -276,9 +290,13 @@ class BatchPpo:
         self._ended_levels.clear()
 
     def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
-        """Update the policy from a rollout; ``hidden`` is the policy's memory before the rollout's first step.
+        """Update the policy from a rollout.
 
         A minibatch has steps drawn from all worlds or, if the policy has a memory, whole rollouts of some worlds.
+
+        Args:
+            rollout: the fields of the rollout, as ``_collect`` returns them.
+            hidden: the policy's memory before the rollout's first step, one row per world.
         """
         settings = self._settings
         returns = rollout["advantages"] + rollout["values"]
@@ -303,7 +321,13 @@ class BatchPpo:
                 self._optimizer.step()
 
     def _compute_loss(self, minibatch: Batch, return_targets: torch.Tensor, start_hidden: torch.Tensor) -> torch.Tensor:
-        """Return PPO's loss on a minibatch: clipped policy gain, value error, entropy and divergence from the clone."""
+        """Return PPO's loss on a minibatch: clipped policy gain, value error, entropy and divergence from the clone.
+
+        Args:
+            minibatch: fields of the rollout, each of shape [steps, batch, ...].
+            return_targets: the return of each step, [steps * batch], which the critic is to predict.
+            start_hidden: the memory before the first step, one row per column; empty without a memory.
+        """
         settings = self._settings
         observations = {
             name.removeprefix(_OBSERVATION_PREFIX): part
@@ -334,7 +358,11 @@ class BatchPpo:
     ) -> None:
         """Add a minibatch's losses to the update's sums.
 
-        ``log_ratio`` are the logarithms of the present over the past probabilities of the actions.
+        Args:
+            policy_loss: the mean loss of the actor.
+            value_loss: the mean squared error of the critic.
+            entropy: the mean entropy in nats.
+            log_ratio: the logarithm of each action's present over its past probability.
         """
         losses = self._losses
         losses.policy += policy_loss.item()

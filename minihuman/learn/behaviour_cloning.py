@@ -74,8 +74,16 @@ def evaluate_policy(
 ) -> Evaluation:
     """Evaluate a policy on held-out episodes; in a team world, it plays every seat.
 
-    The seeds of the episodes depend on ``seed`` alone. An episode ends when the world ends it or after ``most_steps``,
-    so at least one of the two must have a limit.
+    An episode ends when the world ends it or after ``most_steps``, so at least one of the two must have a limit.
+
+    Args:
+        choose: the policy.
+        world_id: a Gymnasium id.
+        options: the options of the world.
+        eyesight: the settings by which observations are encoded for the policy.
+        episodes: the number of episodes.
+        seed: the seed on which alone the seeds of the episodes depend.
+        most_steps: the number of steps after which an episode ends; None for the world's own limit.
     """
     env: Any = World(world_id, options, trusted=True).env  # with its own step limit
     encoder = eyesight.episode_encoder()
@@ -94,7 +102,7 @@ def evaluate_policy(
 def _play_episode(
     env: Any, raw: Any, choose: ChooseAction, encoder: EpisodeEncoder, most_steps: int | None
 ) -> tuple[float, int, bool]:
-    """Play an episode from its first observation ``raw``.
+    """Play an episode from its first observation ``raw``, for at most ``most_steps`` steps; None sets no limit.
 
     Returns:
         The episode's return, its number of steps, and whether it terminated with a reward.
@@ -117,7 +125,7 @@ def _play_episode(
 
 
 def held_out_seed(seed: int, episode: int) -> int:
-    """Return the reset seed of an evaluation's held-out episode; it is above those of training and sessions (2**31)."""
+    """Return the reset seed of an evaluation's episode, 2**31 or more; those of training and sessions are below."""
     return 2**31 + episode_seed(seed, episode)
 
 
@@ -132,7 +140,7 @@ def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
 
 
 def make_random_policy(actions: int, seed: int) -> ChooseAction:
-    """Return a function that draws actions uniformly, as a baseline for policies."""
+    """Return a function that draws each of a number of actions with the same chance, as a baseline for policies."""
     rng = np.random.default_rng(seed)
     return lambda _: int(rng.integers(actions))
 
@@ -169,9 +177,10 @@ class CloningResult:
 def split_by_participant(
     demonstrations: Demonstrations, *, share: float, seed: int
 ) -> tuple[Demonstrations, Demonstrations]:
-    """Split demonstrations at random into training and validation data, the latter with a share of the participants.
+    """Split demonstrations at random by participant; return the training data and the validation data.
 
-    No participant is in both, and participants who played together are in the same part.
+    No participant is in both, and participants who played together are in the same part. The validation data have a
+    share (0 to 1) of the participants or teams, and at least one of them.
 
     Raises:
         LearnError: if only one participant or one team took part.
@@ -243,7 +252,7 @@ Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missio
 
 
 def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
-    """Return a policy's mean cross-entropy over people's steps and its agreement with them.
+    """Return a policy's mean cross-entropy over people's steps in nats, and its agreement with them.
 
     The agreement is the share of steps in which the most likely action is the one that the person took.
     """
@@ -255,7 +264,7 @@ def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
 
 
 def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batch_size: int) -> float:
-    """Train a policy on all steps once, in minibatches; return the mean loss."""
+    """Train a policy on all steps once, in minibatches of ``batch_size`` steps; return the minibatches' mean loss."""
     images, missions, actions = steps
     losses = []
     for rows in torch.split(torch.randperm(len(actions)), batch_size):
@@ -281,14 +290,14 @@ def _stack_steps(demonstrations: Demonstrations) -> Steps:
 def _pick_rows(
     images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice
 ) -> dict[str, torch.Tensor]:
-    """Return the observations of the steps in some rows; without missions if there are none."""
+    """Return the observations of the steps in some rows: images, and missions unless they are None."""
     if missions is None:
         return {"image": images[rows]}
     return {"image": images[rows], "mission": missions[rows]}
 
 
 def _add_mirrored_steps(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
-    """Return steps followed by the same steps with mirrored images, and with left and right actions exchanged."""
+    """Return steps followed by the same steps mirrored: images flipped, and left and right actions exchanged."""
     images, missions, actions = steps
     left_right_axis = 2  # grid codes are [step, channel, column, row]
     if eyes == "atari":
@@ -440,7 +449,7 @@ def _join_versions() -> str:
 def _collect_numbers(
     study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str
 ) -> dict[str, Any]:
-    """Return the results of a cloning study as values for JSON."""
+    """Return the results of a cloning study as values for JSON; ``chance`` is the evaluation of random actions."""
     return {
         "study": asdict(study),
         "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
@@ -451,7 +460,7 @@ def _collect_numbers(
 
 
 def _evaluate_player(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
-    """Evaluate a player on the held-out episodes of a cloning study."""
+    """Evaluate a function that chooses actions on the held-out episodes of a cloning study."""
     return evaluate_policy(
         choose,
         study.world,

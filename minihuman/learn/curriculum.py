@@ -20,7 +20,13 @@ _LEVELS_STREAM = 0x1EEE15  # makes this generator independent of others with the
 
 
 class Curriculum(abc.ABC):
-    """A rule that chooses the levels of a training run, with a random generator of its own."""
+    """A rule that chooses the levels of a training run, with a separate random generator.
+
+    Args:
+        n_worlds: the number of worlds to train in.
+        settings: the settings of the training run.
+        seed: the seed of the training run.
+    """
 
     needs_scores: ClassVar[bool] = False  # whether `score` must be called
 
@@ -41,11 +47,11 @@ class Curriculum(abc.ABC):
         """Record a level's score, the mean absolute advantage over an episode, or over its part in one rollout."""
 
     def save(self) -> dict[str, Any]:
-        """Return the state in plain values."""
+        """Return the curriculum's state in plain values, for ``restore``."""
         return {"rng": self._rng.bit_generator.state}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Restore the state that ``save`` returned."""
         self._rng.bit_generator.state = saved["rng"]
 
     def describe(self) -> str:
@@ -53,11 +59,14 @@ class Curriculum(abc.ABC):
         return ""
 
     def _draw_new(self, world: int) -> TrainingLevel:
-        """Return a level of a world with a drawn seed: any, or one of as many as the setting ``levels`` says."""
+        """Return a level of the world with a number, with a drawn seed.
+
+        If the setting ``levels`` is not 0, the seed is one of that many seeds, and otherwise any below 2**31.
+        """
         if not self._settings.levels:
             return TrainingLevel(world, int(self._rng.integers(2**31)))
         number = int(self._rng.integers(self._settings.levels))
-        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)
+        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)  # a reset seed has 31 bits
 
 
 class UniformCurriculum(Curriculum):
@@ -81,7 +90,7 @@ class StagedCurriculum(Curriculum):
         return self._draw_new(self._stage)
 
     def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:
-        """Go on to the next world if the latest episodes in the present one succeeded."""
+        """Go on to the next world if enough of the latest episodes in the present one succeeded."""
         if level.world != self._stage:
             return
         self._latest.append(has_succeeded)
@@ -91,18 +100,18 @@ class StagedCurriculum(Curriculum):
             self._latest.clear()
 
     def save(self) -> dict[str, Any]:
-        """Return the state in plain values."""
+        """Return the curriculum's state in plain values, for ``restore``."""
         return {**super().save(), "stage": self._stage, "latest": list(self._latest)}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Restore the state that ``save`` returned."""
         super().restore(saved)
         self._stage = saved["stage"]
         self._latest.clear()
         self._latest.extend(saved["latest"])
 
     def describe(self) -> str:
-        """Return the number of the present world."""
+        """Return the number of the present world, such as "stage 1 of 3"."""
         return f"stage {self._stage + 1} of {self._n_worlds}"
 
 
@@ -134,7 +143,7 @@ class PrioritizedLevelReplay(Curriculum):
         return level
 
     def score(self, level: TrainingLevel, score: float) -> None:
-        """Remember a level's latest score; forget the level with the lowest if there are too many."""
+        """Remember a level's latest score; if too many levels are remembered, forget the one with the lowest score."""
         self._scores[level] = score
         self._played_at.setdefault(level, self._episodes)
         if len(self._scores) > self._settings.replay_levels:
@@ -143,19 +152,19 @@ class PrioritizedLevelReplay(Curriculum):
             del self._played_at[easiest]
 
     def save(self) -> dict[str, Any]:
-        """Return the state in plain values."""
+        """Return the curriculum's state in plain values, for ``restore``."""
         remembered = [(*level, score, self._played_at[level]) for level, score in self._scores.items()]
         return {**super().save(), "remembered": remembered, "episodes": self._episodes}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
+        """Restore the state that ``save`` returned."""
         super().restore(saved)
         self._scores = {TrainingLevel(world, seed): score for world, seed, score, _ in saved["remembered"]}
         self._played_at = {TrainingLevel(world, seed): episode for world, seed, _, episode in saved["remembered"]}
         self._episodes = saved["episodes"]
 
     def describe(self) -> str:
-        """Return the number of levels that can be played again."""
+        """Return the number of levels that can be played again, such as "40 levels to replay"."""
         return f"{len(self._scores)} levels to replay"
 
     def _draw_scored(self) -> TrainingLevel:

@@ -55,13 +55,13 @@ class Demonstrations:
         return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
-        """Return only the demonstrations of the given participants."""
+        """Return a copy with only the demonstrations of the given participants."""
         return replace(
             self, episodes=tuple(episode for episode in self.episodes if episode.participant in participants)
         )
 
     def first(self, count: int) -> "Demonstrations":
-        """Return the first ``count`` demonstrations, taking one of each participant in turn."""
+        """Return a copy with ``count`` demonstrations: the first of each participant, then each second, and so on."""
         queues: dict[str, list[Demonstration]] = {participant: [] for participant in self.participants}
         for episode in self.episodes:
             queues[episode.participant].append(episode)
@@ -75,6 +75,12 @@ LoggedEpisode = tuple[SessionLog, EpisodeLog]
 
 def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder) -> Demonstration:
     """Replay an episode and return it as a demonstration.
+
+    Args:
+        log: the log of the session.
+        episode: the episode.
+        world: a world of the episode's id and options.
+        encoder: encodes the world's observations.
 
     Raises:
         LearnError: if the world's observations differ from those in the log.
@@ -95,6 +101,12 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
 
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
     """Replay every included episode of a world in a study's logs, checking each observation against the log.
+
+    Args:
+        source: a study's folder, or a log.
+        world: the world's Gymnasium id.
+        eyesight: the settings by which observations are encoded.
+        selection: the rule for which sessions and episodes are included.
 
     Raises:
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
@@ -119,6 +131,11 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
 
 def select_episodes(source: Path, world: str, selection: Selection) -> tuple[list[LoggedEpisode], SelectionSummary]:
     """Return the included episodes of a world that have at least one step, with a summary of the selection.
+
+    Args:
+        source: a study's folder, or a log.
+        world: the world's Gymnasium id.
+        selection: the rule for which sessions and episodes are included.
 
     Raises:
         LearnError: if there is no such episode.
@@ -158,8 +175,11 @@ def get_shared_plan(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
     """Return the names of the world's actions up to the last one that is used.
 
-    An action is used if a key is assigned to it, or if it is the no-op of a tick. The actions up to the number
-    ``least`` are returned even if they are not used.
+    An action is used if a key is assigned to it, or if it is the no-op of a tick.
+
+    Args:
+        episodes: the episodes, all in worlds with the same actions.
+        least: the number of an action, from 0, up to which all names are returned in any case.
     """
     names = episodes[0][1].start.action_names
     used: set[str] = set()

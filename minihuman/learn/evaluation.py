@@ -49,7 +49,7 @@ def play_levels(
         encoder: the encoder of their observations.
         levels: the levels to play.
         seed: the seed of the drawn actions.
-        most_steps: a step limit for each level; None for only the worlds' own limits.
+        most_steps: a step limit for each level; None for ``MAX_STEPS``. The worlds' own limits apply in any case.
     """
     limits = most_steps or [MAX_STEPS] * len(levels)
     queue = _LevelQueue(worlds, levels)
@@ -80,7 +80,8 @@ class _LevelQueue:
         self._begin(self._playing)
 
     def _begin(self, numbers: list[int]) -> None:
-        """Begin the episodes of the levels that the numbered worlds play now."""
+        """Begin, in the worlds with these numbers, the episodes of the levels that they play now."""
+        # a number that is too high stands for a repetition, here and in ``step``
         levels = [self._levels[self._playing[number] % len(self._levels)] for number in numbers]
         self._worlds.begin(numbers, levels)
 
@@ -105,7 +106,7 @@ class _LevelQueue:
             if self._playing[number] < len(self._levels):
                 score = EpisodeScore(float(self._returns[number]), int(self._lengths[number]), has_succeeded)
                 self.scores[self._playing[number]] = score
-            self._playing[number] = max(self._playing) + 1
+            self._playing[number] = max(self._playing) + 1  # the next in the queue; too high once it is empty
         self._returns[over] = 0.0
         self._lengths[over] = 0
         if ended:
@@ -114,7 +115,7 @@ class _LevelQueue:
 
 
 def summarise_scores(episodes: Sequence[EpisodeScore]) -> Evaluation:
-    """Return the evaluation that the scores of some episodes make together."""
+    """Return the scores of some episodes as one evaluation: the counts, and the means of returns and steps."""
     return Evaluation(
         len(episodes),
         sum(episode.has_succeeded for episode in episodes),
@@ -174,7 +175,13 @@ class PeopleComparison:
 
 
 def _format_pair(name: str, person: Evaluation, policy: Evaluation) -> str:
-    """Return a line of the table of a comparison."""
+    """Return a line of the table of a comparison.
+
+    Args:
+        name: the participant's code, or a word for all participants.
+        person: the evaluation of the participant.
+        policy: the evaluation of the policy on the same levels.
+    """
     success = f"{person.rate:.2f}, {policy.rate:.2f}"
     returns = f"{person.mean_return:.2f}, {policy.mean_return:.2f}"
     steps = f"{person.mean_steps:.1f}, {policy.mean_steps:.1f}"

@@ -99,7 +99,7 @@ def episode_seed(seed: int, episode: int) -> int:
         seed: the seed of the training run.
         episode: the number of the episode, from 0.
     """
-    return hash64((seed, "episode", episode)) % 2**31
+    return hash64((seed, "episode", episode)) % 2**31  # a reset seed has 31 bits
 
 
 EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Baselines3
@@ -130,7 +130,11 @@ class Rollout:
     def estimate_advantages(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
         """Compute the generalised advantage estimates of all steps (Schulman et al., 2016), in ``advantages``.
 
-        ``last_value`` is the value of the state after the last step; ``ended`` is whether that step ended an episode.
+        Args:
+            last_value: the value of the state after the last step.
+            ended: whether that step ended an episode.
+            gamma: the discount factor.
+            gae_lambda: the decay of the trace.
         """
         next_value = np.float32(last_value)
         goes_on = np.float32(not ended)
@@ -252,7 +256,7 @@ class _ActionSampler:
             self._compute_outputs = policy.compute_single_outputs
 
     def draw(self, observation: Observation) -> tuple[int, float, float]:
-        """Return a drawn action, the state's value, and the action's log-probability."""
+        """Return an action that is drawn from the policy, the state's value, and the action's log-probability."""
         logits, value = self._compute_outputs(observation)
         log_probs = torch.log_softmax(logits, dim=0)
         action = int(torch.multinomial(log_probs.exp(), 1, replacement=True))
@@ -267,7 +271,15 @@ LAST_EPISODES = 100  # the number of episodes over which a point of the learning
 
 
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
-    """Return a PPO agent with fresh weights for a world, with all random draws seeded."""
+    """Return a PPO agent with fresh weights for a world, with all random draws seeded.
+
+    Args:
+        world: the world to train in.
+        settings: the settings of PPO.
+        eyes: the encoder of observations.
+        seed: the seed of weights and actions.
+        device: the device of the network, "cpu" or "cuda".
+    """
     ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),

@@ -208,6 +208,11 @@ def _describe_worlds(job: TrainingJob) -> _SharedInterface:
 def _require_learnable_actions(job: TrainingJob, action_space: spaces.Space[Any], *, is_team: bool) -> None:
     """Check that PPO can learn the actions of a job's worlds.
 
+    Args:
+        job: the worlds and settings.
+        action_space: the action space of the first world.
+        is_team: whether it is a team world.
+
     Raises:
         LearnError: if the actions are neither numbered nor vectors, or are vectors and people are to be cloned.
     """
@@ -248,9 +253,13 @@ def choose_encoder(image_shape: tuple[int, int, int], settings: TrainingSettings
 def _make_policies(
     job: TrainingJob, interface: _SharedInterface, saved: dict[str, Any] | None, selection: Selection
 ) -> tuple[Policy, Policy | None]:
-    """Return the policy to train and the clone of people that it begins with; the clone is None without people.
+    """Return the policy to train and the clone of people with which it begins; the clone is None without people.
 
-    A run that resumes takes the clone from its checkpoint ``saved``.
+    Args:
+        job: the worlds and settings.
+        interface: the observations and actions of the worlds.
+        saved: the checkpoint of a run that resumes, which has the clone; None for a new run.
+        selection: the rule for which episodes are cloned.
     """
     settings = job.settings
     policy = interface.build_policy(settings)
@@ -268,7 +277,12 @@ def _make_policies(
 
 
 def _clone_people(job: TrainingJob, interface: _SharedInterface, selection: Selection) -> Policy:
-    """Return a policy that imitates a study's people in the first world, with all of the world's actions.
+    """Return a policy that imitates a study's people in the job's first world, with all of the world's actions.
+
+    Args:
+        job: the worlds and settings; these name the study.
+        interface: the observations and actions of the worlds.
+        selection: the rule for which episodes are cloned.
 
     Raises:
         LearnError: if the study has no such episodes, or its options of the world lead to other observations.
@@ -314,7 +328,13 @@ def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], 
 
 
 def _save_progress(contents: dict[str, Any], points: list[CurvePoint], out: Path) -> None:
-    """Write a checkpoint and the curve so far."""
+    """Write a checkpoint, and the curve so far as CSV.
+
+    Args:
+        contents: the content of the checkpoint.
+        points: the points of the curve.
+        out: the policy file; the two files are written next to it.
+    """
     save_atomically(contents, out.with_name(out.name + CHECKPOINT_SUFFIX))
     _write_curve(points, out.with_suffix(".csv"))
 
@@ -340,7 +360,7 @@ def _read_job_checkpoint(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
 
 
 def _write_curve(points: list[CurvePoint], path: Path) -> None:
-    """Write a learning curve as CSV, with a row for each point."""
+    """Write a learning curve with at least one point as CSV, with a row for each point."""
     rows = io.StringIO()
     writer = csv.DictWriter(rows, list(asdict(points[0])), lineterminator="\n")
     writer.writeheader()
@@ -349,7 +369,7 @@ def _write_curve(points: list[CurvePoint], path: Path) -> None:
 
 
 def _make_card(job: TrainingJob, interface: _SharedInterface, steps: int) -> PolicyCard:
-    """Return the card of the trained policy."""
+    """Return the card of a policy that was trained for a number of steps."""
     first, *others = job.worlds
     return PolicyCard(
         world=first.id,
@@ -380,7 +400,7 @@ def _evaluate(
 ) -> TrainingReport:
     """Return the report of a run, with the evaluations of the policy and its clone on fresh levels.
 
-    There are none for a team world, or if the settings ask for no evaluation.
+    The report has no evaluations for a team world, or if the settings ask for none.
     """
     episodes = job.settings.evaluation
     if not episodes or is_team:

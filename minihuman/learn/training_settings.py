@@ -26,7 +26,15 @@ class WorldChoice:
 def _setting(
     default: Any, help: str, panel: str = "Training", least: float | None = None, most: float | None = None
 ) -> Any:
-    """Declare a setting with its default, the help text and panel of its option, and its limits (None for no limit)."""
+    """Declare a setting as a field of a dataclass.
+
+    Args:
+        default: its default.
+        help: the help text of its option.
+        panel: the panel of the help in which the option is listed.
+        least: the smallest valid value; None for no limit.
+        most: the largest valid value; None for no limit.
+    """
     return field(default=default, metadata={"help": help, "panel": panel, "least": least, "most": most})
 
 
@@ -151,7 +159,11 @@ def read_job(path: Path) -> TrainingJob:
 
 
 def change_settings(settings: TrainingSettings, changes: Mapping[str, Any]) -> TrainingSettings:
-    """Return a copy of settings with the given changes, by the settings' names.
+    """Return a copy of settings with some of them changed.
+
+    Args:
+        settings: the settings.
+        changes: the new values by the settings' names, as in a TOML file.
 
     Raises:
         LearnError: if there is no setting with a name, or a change is not valid.

@@ -42,7 +42,7 @@ class BatchStep(NamedTuple):
 
 
 class TrainingWorlds(abc.ABC):
-    """Some worlds that are stepped together, each in an episode of its own.
+    """Some worlds that are stepped together, each in a separate episode.
 
     Attributes:
         num_envs: the number of worlds.
@@ -60,7 +60,12 @@ class TrainingWorlds(abc.ABC):
 
     @abc.abstractmethod
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in some of the worlds.
+
+        Args:
+            numbers: the numbers of these worlds, from 0.
+            levels: the level of each of these worlds, in the same order.
+        """
 
     @abc.abstractmethod
     def step(self, actions: NDArray[Any]) -> BatchStep:
@@ -127,7 +132,7 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 def as_images(observations: NDArray[Any]) -> NDArray[Any]:
-    """Return observations, one per row, as images; vectors become images of one pixel."""
+    """Return observations, one per row, as images; vectors [n, components] become images [n, 1, 1, components]."""
     if observations.ndim == 2:
         return observations[:, None, None, :]
     return observations
@@ -142,7 +147,7 @@ class BatchWorlds(TrainingWorlds):
         self.missions = [""] * batch.num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in the worlds with these numbers, each at its level."""
         mask = np.zeros(self.num_envs, np.bool_)
         mask[list(numbers)] = True
         seeds: list[int | None] = [None] * self.num_envs
@@ -152,7 +157,7 @@ class BatchWorlds(TrainingWorlds):
         self._store_observations(self._batch.reset(seed=seeds, options=options)[0])
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Take one action in every world."""
+        """Take one action in every world, and return the rewards and ends."""
         within_bounds = clip_actions(self._batch.single_action_space, actions)
         observation, rewards, terminated, truncated, _ = self._batch.step(within_bounds)
         self._store_observations(observation)
@@ -179,7 +184,7 @@ class WorldsInTurn(TrainingWorlds):
         self._observations: list[Any] = [None] * num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin an episode of a level in each of the numbered worlds."""
+        """Begin an episode in the worlds with these numbers, each at its level."""
         for number, level in zip(numbers, levels, strict=True):
             envs = self._worlds[number]
             if level.world not in envs:
@@ -190,7 +195,7 @@ class WorldsInTurn(TrainingWorlds):
         self._stack_observations()
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Take one action in every world."""
+        """Take one action in every world, and return the rewards and ends."""
         rewards = np.zeros(self.num_envs)
         terminated = np.zeros(self.num_envs, np.bool_)
         truncated = np.zeros(self.num_envs, np.bool_)
@@ -281,6 +286,12 @@ def make_worlds(choices: Sequence[WorldChoice], num_envs: int, shaped_steps: flo
 def _require_alike(first_choice: WorldChoice, first: Any, choice: WorldChoice, world: Any) -> None:
     """Check that a world has the same shape of images and the same actions as the first world.
 
+    Args:
+        first_choice: the id and options of the first world.
+        first: the first world.
+        choice: the id and options of the other world.
+        world: the other world.
+
     Raises:
         LearnError: if they differ.
     """
@@ -304,7 +315,13 @@ def _get_image_space(world: Any) -> Any:
 
 
 def _make_batch(choice: WorldChoice, world: World, num_envs: int) -> Any:
-    """Make the vector environment of a world in compiled code; return None if the world has no such environment."""
+    """Return the vector environment that steps a world in compiled code; None if the world has no such environment.
+
+    Args:
+        choice: the id and options of the world.
+        world: a world of this id and these options.
+        num_envs: the number of worlds in the environment.
+    """
     native = world.unwrapped
     spec = world.env.spec
     if not isinstance(native, NativeWorld) or spec is None:

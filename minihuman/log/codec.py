@@ -168,8 +168,8 @@ class EventRow:
     Args:
         event: the event's class.
         topic: the topic; its message has the event's fields.
-        fields: the fields that differ on the wire.
-        codec: the codec of the whole event, if its message has another shape.
+        fields: the codecs of the fields that differ on the wire, by their names in the event.
+        codec: the codec of the whole event, if its message has another shape; None if ``fields`` suffice.
     """
 
     event: type[Any]
@@ -294,7 +294,7 @@ def _build_codec(row: EventRow) -> Codec:
 
 
 def _find_row(topic: str) -> EventRow | None:
-    """Return the first event row of a topic; None for a preview or an unknown topic."""
+    """Return the first event row of the topic with a name; None for a preview or an unknown topic."""
     session_topic = topics.BY_NAME.get(topic)
     if session_topic is not None and session_topic.is_preview:
         return None
@@ -320,7 +320,7 @@ def _load_rows_of_kind(kind: str) -> tuple[EventRow, ...]:
 
 @cache
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
-    """Load the event rows that an activity kind defines, none if it defines no events of its own."""
+    """Load the event rows that an activity kind defines; none if it adds no events to those of every session."""
     module, _, name = kind.messages.partition(":")
     if module:
         return tuple(getattr(import_module(module), name))
@@ -330,11 +330,11 @@ def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
 def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:
     """Return the topics that these activity kinds add, each once."""
     rows = (row for kind in dict.fromkeys(kinds) for row in _load_rows_of_kind(kind))
-    return tuple(dict.fromkeys(row.topic for row in rows))
+    return tuple(dict.fromkeys(row.topic for row in rows))  # events can share a topic
 
 
 def find_topic(topic: str) -> Topic | None:
-    """Return the topic of a name, if it belongs to every session or to an activity kind; None for another program's."""
+    """Return the topic with a name, if every session or an activity kind has it; None for another program's topic."""
     session_topic = topics.BY_NAME.get(topic)
     if session_topic is not None:
         return session_topic
@@ -378,7 +378,11 @@ assert max(DECODERS) == SCHEMA_VERSION, "every version that is written can be re
 
 
 def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
-    """Select the decoder of a segment's messages by the schema version in its metadata.
+    """Return the decoder of a segment's messages, selected by the schema version in the segment's metadata.
+
+    Args:
+        facts: the metadata at the segment's start.
+        path: the log, for errors.
 
     Raises:
         LogError: if there is no valid version; ``NewerLogError`` if it is newer than this software.

@@ -9,7 +9,11 @@ Evidence = Literal["witnessed", "consistent"]
 
 
 def find_evidence(facts: Mapping[str, str]) -> Evidence:
-    """Return "consistent" for imported data of a page, "witnessed" for a session that was run here."""
+    """Return "consistent" for a session that was imported from a page, and "witnessed" for one that was run here.
+
+    Args:
+        facts: the facts that the session's log states about the station.
+    """
     if facts.get(COLLECTED) == PAGE:
         return "consistent"
     return "witnessed"

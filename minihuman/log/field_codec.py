@@ -40,28 +40,46 @@ class Codec(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FieldCodec:
-    """A field that has another name or another representation on the wire."""
+    """A field that has another name or another representation on the wire.
+
+    Attributes:
+        name: the field's name in the message.
+        encode: converts the field's value for the message; None if it is written as it is.
+        decode: converts the message's value back; None if it is read as it is.
+        nested: the codec of a field that is itself a message; None for any other field.
+    """
 
     name: str
     encode: Callable[[Any], Any] | None = None
     decode: Callable[[Any], Any] | None = None
-    nested: Codec | None = None  # of a field that is a message of its own
+    nested: Codec | None = None  # of a field that is itself a message
 
 
 def nested(name: str, codec: Codec) -> FieldCodec:
-    """Return the codec of a field that is a message of its own."""
+    """Return the codec of a field that is itself a message, with a name on the wire."""
     return FieldCodec(name, codec.encode, codec.decode, codec)
 
 
 def repeated(name: str, codec: Codec) -> FieldCodec:
-    """Return the codec of a tuple that is a list of messages on the wire."""
+    """Return the codec of a tuple that is a list of messages on the wire.
+
+    Args:
+        name: the field's name on the wire.
+        codec: the codec of each element.
+    """
     return FieldCodec(
         name, lambda values: list(map(codec.encode, values)), lambda messages: tuple(map(codec.decode, messages))
     )
 
 
 def json_field(name: str, kind: Any = Any, *, default: str = "null") -> FieldCodec:
-    """Return the codec of a JSON field; ``default`` stands for the empty text in logs older than the field."""
+    """Return the codec of a field that is JSON text on the wire.
+
+    Args:
+        name: the field's name on the wire.
+        kind: the type as which the JSON is decoded.
+        default: the JSON text that replaces an empty text, as in logs older than the field.
+    """
     return FieldCodec(name, to_json, lambda text: msgspec.json.decode(text or default, type=kind))
 
 
@@ -200,7 +218,13 @@ class MessageCodec:
 def _compile_message_builder(
     message: type[Message], names: Iterable[tuple[str, str]], encoders: Mapping[str, Callable[[Any], Any]]
 ) -> Callable[[Any], Any]:
-    """Compile a function that builds a value's message, as dataclasses do: 1.6 us instead of 2.4."""
+    """Compile a function that builds a value's message, as dataclasses do: 1.6 us instead of 2.4.
+
+    Args:
+        message: the type of the messages.
+        names: the names of each field in the value and in the message.
+        encoders: the functions that encode the fields that are not written as they are, by their names in the value.
+    """
     variables: dict[str, Any] = {"message": message}
     arguments = []
     for name, wire_name in names:

@@ -47,7 +47,14 @@ class SegmentHead:
 def pack_segment_head(
     metadata: Iterable[Metadata], schemas: Sequence[Schema], channels: Sequence[Channel], plan: Message
 ) -> bytes:
-    """Return the second copy of a segment's start as compressed bytes: its records up to the message with the plan."""
+    """Return the second copy of a segment's start as compressed bytes.
+
+    Args:
+        metadata: the metadata at the segment's start.
+        schemas: the schemas of the channels.
+        channels: the channels that are known by then.
+        plan: the message with the plan.
+    """
     builder = RecordBuilder()
     for record in (*metadata, *schemas, *channels, plan):
         record.write(builder)
@@ -71,7 +78,7 @@ class HashChain:
         return self._head.hex()
 
     def add_message(self, message: LogMessage, schema: Schema | None) -> None:
-        """Add a message to the chain, unless its topic is another program's."""
+        """Add a message to the chain, unless its topic is another program's; ``schema`` is the channel's, if any."""
         channel = message.channel
         name = "" if schema is None else schema.name
         beginning = self._beginnings.get((channel.topic, name))
@@ -108,7 +115,7 @@ class HashChain:
         self._extend(b"channel", channel.topic.encode(), channel.message_encoding.encode(), encoding.encode(), data)
 
     def _extend(self, *parts: bytes) -> None:
-        """Extend the chain by a record, given in parts."""
+        """Extend the chain by a record, whose parts are given in order."""
         self._head = hashlib.sha256(self._head + _join_parts(*parts)).digest()
 
 

@@ -22,6 +22,10 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 class ObservationSequence(Sequence[Any]):
     """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is accessed.
 
+    Args:
+        episode: the episode's number in the session, counted from 0.
+        messages: the encoded message of each observation.
+
     Raises:
         LogError: when an observation is accessed that cannot be read, or belongs to another step.
     """
@@ -43,7 +47,11 @@ class ObservationSequence(Sequence[Any]):
         return self._read_step(range(len(self))[index])
 
     def _read_step(self, step: int) -> Any:
-        """Read the observation at a step."""
+        """Read the observation after ``step`` steps; 0 is the reset.
+
+        Raises:
+            LogError: if it cannot be read, or belongs to another step.
+        """
         step_name = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
@@ -78,7 +86,7 @@ def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64],
 
 
 def is_picture(observation: Any) -> bool:
-    """Return whether an observation is a picture, uint8[H, W, 3], which PNG stores exactly."""
+    """Return whether an observation is a picture, uint8[H, W, 3] and not empty, which PNG stores exactly."""
     if not isinstance(observation, np.ndarray) or observation.dtype != np.uint8 or observation.ndim != 3:
         return False
     _, _, n_channels = observation.shape
@@ -101,7 +109,7 @@ def encode_png(picture: NDArray[np.uint8]) -> bytes:
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)  # 8 bits of each, RGB
+    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)  # 8 bits, RGB, the usual methods, no interlacing
     compressed = zlib.compress(lines.data, 1)
     chunks = (_pack_chunk(b"IHDR", header), _pack_chunk(b"IDAT", compressed), _pack_chunk(b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

@@ -56,10 +56,14 @@ LogFolders = Iterable[tuple[Path, list[str]]]  # each with all its file names
 
 
 def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
-    """Refuse a path that is not a folder.
+    """Check that a path is a folder.
+
+    Args:
+        study: the path.
+        instead: what the error tells the user to name.
 
     Raises:
-        LogError: if the path is not a folder; ``instead`` says what to name.
+        LogError: if it is not.
     """
     if not study.is_dir():
         problem = "is not a folder" if study.exists() else "does not exist"
@@ -113,14 +117,14 @@ class SegmentPath:
 
 
 def is_plain_log_name(name: str) -> bool:
-    """Return whether a file name is that of a finished session log, not of another program's or system's file."""
+    """Return whether a file name is one that minihuman gives a finished session log."""
     return name.endswith(LOG_SUFFIX) and bool(_LOG_NAME.search(name)) and not is_system_companion(name)
 
 
 def is_companion_file(path: Path) -> bool:
     """Return whether an MCAP file is another program's, such as an eye tracker's, judging by its name and profile.
 
-    A file that cannot be read counts as a log.
+    A file that cannot be read, or does not begin as an MCAP file does, counts as a log.
     """
     if _LOG_NAME.search(path.name):
         return False
@@ -150,7 +154,7 @@ def study_folder(log: Path) -> Path:
 
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield each folder below ``top`` that has an MCAP file, with its file names; do not follow links."""
+    """Yield each folder that has an MCAP file, ``top`` included, with all its file names; do not follow links."""
     pending_folders = [os.fspath(top)]
     while pending_folders:
         folder = pending_folders.pop()
@@ -169,7 +173,10 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
 
 
 def list_sessions(folder: Path) -> dict[Path, list[Path]]:
-    """Return a folder's sessions: the path of each session's log, and the files that hold it so far."""
+    """Return a folder's sessions: the files that hold each session so far, by the path of the session's log.
+
+    A session without a finished log has the path that its log will get.
+    """
     return group_sessions(folder, os.listdir(folder))
 
 
@@ -208,10 +215,10 @@ def raise_as_log_error(path: Path, doing: str = "read") -> Iterator[None]:
 
     Args:
         path: the log.
-        doing: the participle of what is done with it, for the message.
+        doing: the participle for the message "PATH cannot be ...", such as "read".
 
     Raises:
-        LogError: instead of any other error.
+        LogError: instead of any other error, except an OSError.
     """
     try:
         yield

@@ -35,8 +35,8 @@ class PreviewEncoder:
     """Encodes previews of a segment's record: an episode's poses, floor plans, pictures and readable lines.
 
     Args:
-        started_ns: the wall clock at the segment's time 0.
-        encode_picture: encodes a floor plan.
+        started_ns: the wall clock at the segment's time 0, in nanoseconds since 1970.
+        encode_picture: encodes the picture of a floor plan; as PNG by default.
     """
 
     def __init__(self, started_ns: int, encode_picture: Callable[[Image.Image], bytes] = encode_png) -> None:
@@ -46,12 +46,12 @@ class PreviewEncoder:
         self._path: PosesInFrame | None = None  # of the running episode
 
     def encode(self, topic: str, data: bytes, event: events.Event | None = None) -> Iterator[tuple[str, Message]]:
-        """Yield the previews that come before a message of the record, in the order of the segment.
+        """Yield the topic and the message of each preview that comes before a message of the record, in order.
 
         Args:
-            topic: the message's topic.
-            data: the message.
-            event: the event in the message, if it has been decoded already.
+            topic: the topic of the message of the record.
+            data: the bytes of that message.
+            event: the event in it, if it has been decoded already.
 
         Raises:
             Exception: any error that protobuf or one of our decoders raises for bytes that are not such a message.
@@ -105,7 +105,12 @@ class PreviewEncoder:
             yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
 
     def _add_pose(self, pose: Pose, t_ns: int) -> Iterator[tuple[str, Message]]:
-        """Add a pose to those of the running episode; yield it at once if each pose has its own message."""
+        """Add a pose to those of the running episode; yield it at once if each pose has its own message.
+
+        Args:
+            pose: the pose.
+            t_ns: the time of the pose in nanoseconds since the segment began.
+        """
         converted = _convert_pose(pose)
         if self.is_pose_per_step:
             yield topics.POSE, PoseInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID, pose=converted)
@@ -222,6 +227,11 @@ def draw_floor_plan(world_map: Map, pose: Pose | None) -> Image.Image:
 
 
 def _find_arrow_corners(pose: Pose, radius: float) -> list[tuple[float, float]]:
-    """Return the corners (x, z) of an arrowhead at the pose, pointing in its direction of view."""
+    """Return the three corners (x, z) of an arrowhead at a pose, with the tip in its direction of view.
+
+    Args:
+        pose: the pose of the agent.
+        radius: the distance of each corner from the pose, in cells or metres.
+    """
     angles = (pose.yaw_rad, pose.yaw_rad + _ARROW_BACK_RAD, pose.yaw_rad - _ARROW_BACK_RAD)
     return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

@@ -13,7 +13,12 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 
 def find_schema_version(plan: SessionPlan, facts: Mapping[str, str]) -> int:
-    """Return the schema version of a segment, which is higher if a reader of version 2 would misread the segment."""
+    """Return the schema version of a segment, which is higher if a reader of version 2 would misread the segment.
+
+    Args:
+        plan: the session's plan.
+        facts: the facts about the station, which state by what rules texts are logged.
+    """
     if has_outcome_rules(plan) or has_timelines(plan) or records_whole_texts(plan, facts):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION

@@ -35,13 +35,13 @@ _KNOWN_METADATA = (
 class LogSegment:
     """A segment of a log, as its records describe it."""
 
-    facts: dict[str, str]
-    station: dict[str, str] | None = None
-    end: dict[str, str] | None = None
+    facts: dict[str, str]  # the metadata at its start
+    station: dict[str, str] | None = None  # the metadata about the station; None if missing
+    end: dict[str, str] | None = None  # the metadata at its end; None if missing
     events: list[Event] = field(default_factory=list)
-    last_sequence: int = 0
-    last_ns: int = 0
-    first_ns: int = 0
+    last_sequence: int = 0  # the number of its last message
+    last_ns: int = 0  # the latest log time of its messages, since 1970
+    first_ns: int = 0  # the log time of its first message
     head: str = ""  # the chain's head at the segment's end
 
     @property
@@ -74,8 +74,8 @@ class LogContents:
     """The contents of a log."""
 
     segments: list[LogSegment] = field(default_factory=list)
-    finished: bool = False
-    attached: list[Attachment] = field(default_factory=list)
+    finished: bool = False  # whether the file's end and its summary are intact
+    attached: list[Attachment] = field(default_factory=list)  # without the copies of segments' starts
     differences: list[str] = field(default_factory=list)  # one line for each record not as minihuman writes it
     plans: list[bytes] = field(default_factory=list)  # the plans' messages
     plan_copies: list[bytes] = field(default_factory=list)  # the plans' messages in the segment heads
@@ -163,7 +163,7 @@ class _ContentsReader:
                 )
 
     def _note_duplicate(self, name: str, earlier: dict[str, str] | None) -> None:
-        """Note a difference if a segment has the same metadata twice."""
+        """Note a difference if a segment has metadata with this name twice; ``earlier`` is the first one, if any."""
         if earlier is not None:
             self._contents.differences.append(f"metadata {name} is there twice")
 
@@ -174,9 +174,10 @@ class _ContentsReader:
             self._contents.plan_copies += (message.data for message in messages)
 
     def _decode_sure_events(self, records: Sequence[Metadata | Attachment | ChunkMessages]) -> None:
-        """Decode the events of all messages in advance, segment by segment.
+        """Decode the events of all messages in advance, segment by segment, into the queue ``_sure_events``.
 
-        An event is None if its message may not have the bytes that minihuman writes; it is then decoded by itself.
+        An event is None if its message may not have the bytes that minihuman writes; the message is then decoded when
+        it is added.
         """
         chunks: list[ChunkMessages] = []
         started_ns = ""
@@ -190,7 +191,7 @@ class _ContentsReader:
         self._sure_events += decode_sure_events(chunks, started_ns)
 
     def _add_chunk(self, chunk: ChunkMessages) -> None:
-        """Add a chunk's messages to their segment."""
+        """Add the messages of a chunk on our topics to the latest segment."""
         for record in chunk:
             event = self._sure_events.popleft()
             if find_topic(record.channel.topic) is not None:

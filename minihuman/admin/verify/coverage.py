@@ -1,6 +1,6 @@
 """Which logs are replayed: all of them, a sample, or those that no earlier run has verified as they are now.
 
-A record of verified logs saves time and proves nothing to others: whoever can write the logs can write the record.
+A record of verified logs saves time and proves nothing to others: who can write the logs can write the record, too.
 """
 
 import math
@@ -34,10 +34,14 @@ class Sample:
 
     @classmethod
     def parse(cls, text: str, *, seed: int = 0) -> "Sample":
-        """Parse a share such as "5%" or "0.05".
+        """Parse a share such as "5%" or "0.05", and return the sample of that share.
+
+        Args:
+            text: the share.
+            seed: the seed of the draw, 0 or more.
 
         Raises:
-            MinihumanError: if it is not a share above 0 % and at most 100 %.
+            MinihumanError: if the text is not a share above 0 % and at most 100 %, or the seed is negative.
         """
         number = text.strip().removesuffix("%")
         try:
@@ -58,7 +62,12 @@ class Sample:
         return [logs[index] for index in sorted(indices.tolist())]
 
     def describe(self, n_drawn: int, n_logs: int) -> str:
-        """Describe the sample in a phrase, given the number of sessions that were drawn and of all sessions."""
+        """Describe the sample in a phrase.
+
+        Args:
+            n_drawn: the number of sessions that were drawn.
+            n_logs: the number of all sessions.
+        """
         return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
 
 
@@ -100,7 +109,11 @@ class VerificationRecord:
             self._read_line(line, number)
 
     def _read_line(self, line: bytes, number: int) -> None:
-        """Read a line; skip a line that a cut-off run left unfinished."""
+        """Read the line with a number; skip a line that a cut-off run left unfinished.
+
+        Raises:
+            LogError: if the line is of another kind.
+        """
         try:
             verified = msgspec.json.decode(line, type=_VerifiedLog)
         except msgspec.DecodeError as error:

@@ -50,7 +50,7 @@ def describe_other_rules(log: SessionLog) -> str:
 
 
 def are_proven_by_events(log: SessionLog) -> bool:
-    """Return whether a log's episodes need no replay of their own if all its events equal the session machine's.
+    """Return whether a log's episodes need no separate replay if all its events equal the session machine's.
 
     The machine steps the same worlds with the same seeds and actions, and all its events are compared. That is not
     enough for logs of earlier rules or pictures, for worlds that failed, and for teams, whose joint actions must be
@@ -99,12 +99,18 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
 
 
 def _may_have_other_shadows(log: SessionLog, options: Mapping[str, Any]) -> bool:
-    """Return whether the shadows in a log may differ from those of this version in a world with these options."""
+    """Return whether this version may draw other shadows than those in a log, in a world with these options."""
     return any(may_draw_other_shadows(segment.facts, options) for segment in log.segments)
 
 
 def _find_first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:
-    """Return the first difference of an episode from its replay in the world; "" if there is none."""
+    """Return the first difference of an episode from its replay in the world, as a line; "" if there is none.
+
+    Args:
+        episode: the logged episode.
+        world: a world of the episode's id and options.
+        compare_observations: whether to compare the hashes of observations, too.
+    """
     try:
         return next(_list_differences(episode, world, compare_observations=compare_observations), "")
     except WorldFailedError as error:
@@ -112,7 +118,13 @@ def _find_first_difference(episode: EpisodeLog, world: World, *, compare_observa
 
 
 def _list_differences(episode: EpisodeLog, world: World, *, compare_observations: bool) -> Iterator[str]:
-    """Play an episode's actions again in the world and yield the differences."""
+    """Play an episode's actions again in the world, and yield a line for each difference.
+
+    Args:
+        episode: the logged episode.
+        world: a world of the episode's id and options.
+        compare_observations: whether to compare the hashes of observations, too.
+    """
     play = RunningEpisode(episode.plan, world, picture_px=None)
     start = play.start(episode.start.t_ns)
     yield from _compare_start(episode.start, start, f"{episode.name} reset", compare_observations=compare_observations)
@@ -146,7 +158,14 @@ def _list_team_differences(episode: EpisodeLog, team: TeamRecord) -> Iterator[st
 def _compare_start(
     logged: EpisodeStarted, replayed: EpisodeStarted, step_name: str, *, compare_observations: bool
 ) -> Iterator[str]:
-    """Yield the differences between the logged start of an episode and its start now."""
+    """Yield the differences between the logged start of an episode and its start in the replay.
+
+    Args:
+        logged: the start in the log.
+        replayed: the start in the replay.
+        step_name: the beginning of each line, which names the episode.
+        compare_observations: whether to compare the hashes of observations, too.
+    """
     for name in ("action_names", "mission", "map", "pose"):
         if getattr(logged, name) != getattr(replayed, name):
             yield f"{step_name}: {name} {getattr(logged, name)!r} in the log, now {getattr(replayed, name)!r}"
@@ -158,7 +177,15 @@ def _compare_start(
 def _compare_step(
     episode: EpisodeLog, index: int, replayed: Stepped, step_name: str, *, compare_observations: bool
 ) -> Iterator[str]:
-    """Yield the differences between a logged step and the same step now; the state after it has the next index."""
+    """Yield the differences between a logged step and the same step replayed now.
+
+    Args:
+        episode: the logged episode.
+        index: the step's index; the state and the pose after the step have the next index.
+        replayed: the replayed step.
+        step_name: the start of each line, which names the step.
+        compare_observations: whether to compare the hashes of observations, too.
+    """
     state = index + 1
     yield from _compare_hash(step_name, "state", int(episode.state_hashes[state]), replayed.state_hash)
     if compare_observations:
@@ -179,14 +206,21 @@ def _compare_step(
 
 
 def _read_logged_success(episode: EpisodeLog, index: int) -> bool | None:
-    """Return whether a step was a success according to the log; None if the log does not record it."""
+    """Return whether the step with an index, from 0, was a success according to the log; None if it is not recorded."""
     if episode.successes is None or np.isnan(episode.successes[index]):
         return None
     return bool(episode.successes[index])
 
 
 def _compare_hash(step_name: str, name: str, logged: int, now: int) -> Iterator[str]:
-    """Yield a line if the hash of the state or the observation is not as logged."""
+    """Yield a line if the hash of the state or the observation is not as logged.
+
+    Args:
+        step_name: the start of the line, which names the step.
+        name: "state" or "observation".
+        logged: the hash in the log.
+        now: the hash after replaying the step.
+    """
     if logged != now:
         yield f"{step_name}: {name} hash {logged:016x} in the log, now {now:016x}"
 
@@ -229,7 +263,13 @@ def _describe_agreement(played_by_seat: dict[int, _Played]) -> str:
 
 
 def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
-    """Read a member's log; return None for a member who withdrew or has no log."""
+    """Return the log of a team's member; None for a member who withdrew or has no log.
+
+    Args:
+        study: the study's folder.
+        entry: the team's entry in the enrolment log.
+        seat: the member's seat, as a text.
+    """
     code = entry.members.get(seat)
     if code is None:
         return None
@@ -279,7 +319,12 @@ def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
 
 
 def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]], n_same: int) -> str:
-    """Describe where two seats' records of an episode differ after ``n_same`` equal joint steps; "" if they do not."""
+    """Describe where the records that two seats have of an episode differ; "" if they do not.
+
+    Args:
+        records: the episode and its team record, by seat.
+        n_same: the number of joint steps from the start on which both records agree.
+    """
     (episode, team), (other, other_team) = records.values()
     seats = " and ".join(map(str, records))
     n_steps = min(len(team.actions), len(other_team.actions))
@@ -297,7 +342,12 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
 
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
-    """Yield a line for each message that a seat was shown but that its author's log lacks, if that log is complete."""
+    """Yield a line for each message that a seat was shown but that its author's log lacks, if that log is complete.
+
+    Args:
+        logs: the log of each seat; None if it is not here.
+        played_by_seat: the team's episodes according to each log.
+    """
     shown_messages = {}
     sent = {}
     for seat, log in logs.items():
@@ -317,13 +367,18 @@ def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[i
 
 
 def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]:
-    """Return the messages that were shown to a seat in the team's episodes."""
+    """Return the messages that were shown to a seat in the team's episodes.
+
+    Args:
+        log: the log of the seat.
+        played: the team's episodes according to this log.
+    """
     episodes = {episode.plan.episode for episode, _ in played.values()}
     return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
 
 
 def _count_equal_steps(record: TeamRecord, other: TeamRecord) -> int:
-    """Count the joint steps on which two records agree before the first difference."""
+    """Return the number of joint steps on which two records agree before their first difference."""
     n_compared = min(len(record.actions), len(other.actions))
     is_equal = (record.actions[:n_compared] == other.actions[:n_compared]).all(axis=1)
     return int(is_equal.cumprod().sum())  # the product is 0 from the first difference on

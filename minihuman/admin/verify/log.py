@@ -56,6 +56,10 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
     Segments recorded before session rules and hash chains existed are left to ``verify``.
 
+    Args:
+        path: the log.
+        make_world: makes the worlds in which the log is replayed.
+
     Raises:
         LogError: if the log cannot be read.
         WorldError: if a world in its plan cannot be created here.
@@ -73,7 +77,13 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
-    """Yield a line for each part of the segment at an index that does not follow from the rest of the log."""
+    """Yield a line for each part of a segment that does not follow from the rest of the log.
+
+    Args:
+        contents: the contents of the log.
+        index: the segment's index in them.
+        make_world: makes the worlds in which the segment is replayed.
+    """
     segment = contents.segments[index]
     segments_so_far = contents.segments[: index + 1]
     yield from _compare_metadata(segment)
@@ -85,7 +95,7 @@ def _find_segment_differences(contents: LogContents, index: int, make_world: Wor
 
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
-    """Yield a line for each segment whose chain head differs from the enrolment log's."""
+    """Yield a line for each segment whose chain head differs from the one in the enrolment log, if that has one."""
     recorded_heads = _find_chain_heads(study_folder(path)).get(path.name, {})
     for segment in contents.segments:
         if segment.end is None or segment.number not in recorded_heads:
@@ -103,7 +113,7 @@ def find_chain_heads(log: Path) -> list[tuple[str, str]]:
 
 
 def is_of_our_worlds(log: Path) -> bool:
-    """Return whether a log names no third-party module, whose code may change independently of ours.
+    """Return whether a log names no third-party module, whose code could change while this software stays the same.
 
     Raises:
         LogError: if the log cannot be read.
@@ -202,7 +212,13 @@ def _compare_metadata(segment: LogSegment) -> Iterator[str]:
 
 
 def _compare_end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished: bool) -> Iterator[str]:
-    """Compare the metadata at a segment's end with the contents of the segment; yield the differences."""
+    """Yield the differences between the metadata at a segment's end and the contents of the segment.
+
+    Args:
+        segment: the segment.
+        so_far: the segments up to this one, including it.
+        finished: whether the log is finished, so that each segment must have an end.
+    """
     end = segment.end
     if end is None:
         if finished:
@@ -306,7 +322,7 @@ def _describe_rules(session: SessionLog) -> Iterator[tuple[str, bool]]:
 
 
 def _describe_differences(differences: Sequence[str]) -> Iterator[tuple[str, bool]]:
-    """Yield the first differences, and how many more there are."""
+    """Yield the first ``MAX_DIFFERENCES`` differences, and how many more there are, each as a failure."""
     yield from ((difference, False) for difference in differences[:MAX_DIFFERENCES])
     if len(differences) > MAX_DIFFERENCES:
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
@@ -327,7 +343,16 @@ def _find_differences_in_one_replay(session: SessionLog, log: Path) -> list[str]
 def _replay_session(
     session: SessionLog, log: Path, make_world: WorldFactory
 ) -> tuple[EpisodeVerification, PictureVerification | None]:
-    """Replay a session's episodes, and draw its pictures again if they are as logged."""
+    """Replay a session's episodes, and draw its pictures again if the episodes are as logged.
+
+    Args:
+        session: the session.
+        log: the path of its log, for errors.
+        make_world: makes the worlds of the episodes.
+
+    Returns:
+        The result for the episodes, and that for the pictures; None for pictures that were not drawn again.
+    """
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session, make_world)
         if steps.difference:
@@ -336,7 +361,7 @@ def _replay_session(
 
 
 def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterator[tuple[str, bool]]:
-    """Yield the result of replaying the episodes, with the warnings that belong to it."""
+    """Yield the warnings about a session and the first difference that the replay of its episodes found, if any."""
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
@@ -348,7 +373,11 @@ def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterato
 
 
 def _find_session_differences(log: Path, make_world: WorldFactory) -> list[str]:
-    """Return the differences in all files of a session."""
+    """Return the differences in all files of a session.
+
+    Raises:
+        LogError: if a file cannot be read or replayed.
+    """
     differences: list[str] = []
     for file in list_session_files(log):
         with raise_as_log_error(file, "proven"):

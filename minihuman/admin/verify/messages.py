@@ -81,9 +81,9 @@ class MessageVerifier:
         return b""
 
     def try_accept(self, message: LogMessage, event: Event) -> bool:
-        """Accept the next message, which certainly has its event's bytes and times, without comparing it.
+        """Accept the next message without comparing it, since it certainly has the bytes and times of its event.
 
-        Return False, and do nothing, if previews belong to it, which must be compared.
+        Return False, and do nothing, if previews belong to the message, since these must be compared.
         """
         if self._waiting or self._previews.is_pose_per_step:
             return False
@@ -93,7 +93,10 @@ class MessageVerifier:
         return True
 
     def finish(self) -> list[str]:
-        """Compare the preview messages at the segment's end; only the poses of an interrupted episode may remain."""
+        """Return a line for each difference of the previews at the segment's end.
+
+        Only the message with the poses of an interrupted episode may remain there.
+        """
         if self._last is None:
             return [f"a message on {message.channel.topic} repeats nothing" for message in self._waiting]
         return self._compare_previews(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
@@ -101,7 +104,14 @@ class MessageVerifier:
     def _compare_previews(
         self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], message_name: str
     ) -> list[str]:
-        """Compare the previews of a message with the expected ones; return the differences."""
+        """Return a line for each difference between the logged and the expected previews of a message.
+
+        Args:
+            expected: the topic and the message of each expected preview.
+            message: the message that the previews belong to, whose times they must have.
+            previews: the logged previews.
+            message_name: the name of the message, for the lines.
+        """
         if self._live and not previews:
             return []
         topics_expected = [topic for topic, _ in expected]
@@ -119,7 +129,7 @@ class MessageVerifier:
 
 
 def _is_as_written(expected: Message, logged: bytes) -> bool:
-    """Return whether a message has the bytes that this version of minihuman, or an earlier one, writes for it.
+    """Return whether logged bytes are those that this version of minihuman, or an earlier one, writes for a message.
 
     An expected plan is changed to the form of the earlier version.
     """
@@ -133,7 +143,7 @@ def _is_as_written(expected: Message, logged: bytes) -> bool:
 
 
 def _drop_later_defaults(plan_json: str, logged_json: str) -> str:
-    """Return a part's plan without the fields that are missing from the logged plan, as JSON."""
+    """Return a part's plan as JSON without the fields that the logged plan, also JSON, does not have."""
     plan = msgspec.json.decode(plan_json)
     logged = msgspec.json.decode(logged_json)
     if not isinstance(plan, dict) or not isinstance(logged, dict):

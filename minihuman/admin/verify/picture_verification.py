@@ -98,7 +98,14 @@ def _find_picture_size(recorded: Mapping[str, str]) -> tuple[int, int]:
 
 
 def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
-    """Replay an episode and describe the first picture that differs; "" if none does."""
+    """Replay an episode and return a line about the first picture that differs, or about an error; "" if none differs.
+
+    Args:
+        episode: the episode.
+        hashes: the hashes of its shown pictures, by step; 0 is the reset.
+        world: a world of the episode's id and options.
+        size_px: the width and height of the pictures.
+    """
     try:
         return next(_list_differences(episode, hashes, world, size_px), "")
     except WorldError as error:
@@ -108,7 +115,10 @@ def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: Worl
 def _list_differences(
     episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]
 ) -> Iterator[str]:
-    """Draw an episode again and yield a line for each step whose picture differs from the shown one."""
+    """Draw an episode again and yield a line for each step whose picture differs from the shown one.
+
+    The arguments are those of ``_find_difference``.
+    """
     plan = episode.plan
     world.reset(plan.seed)
     n_steps = len(episode.actions)

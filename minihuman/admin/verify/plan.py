@@ -87,7 +87,14 @@ def _find_page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, byte
 def _adapt_part(
     protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
 ) -> PlannedPart | None:
-    """Return a planned part in the form of the logged part's version: with the same pages and fields."""
+    """Return the expected part in the form of the logged part's version: with the same pages and fields.
+
+    Args:
+        protocol: the study's protocol.
+        plan: the logged plan.
+        part: the part that the protocol produces; None if it produces fewer parts.
+        logged: the logged part; None if the log has fewer parts.
+    """
     if part is None or logged is None or part.name != logged.name:
         return part
     return _drop_later_fields(_adopt_pages(protocol, plan, part, logged), logged)
@@ -115,7 +122,7 @@ def _adopt_pages(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logge
 
 
 def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
-    """Return a planned part without the fields that plans did not have when the logged part was made."""
+    """Return the expected part without the fields and feedback that plans lacked when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
     # logs of schema 2 have no feedback for later outcomes
@@ -129,7 +136,7 @@ def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
 
 
 def _adapt_episode(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """Return a planned episode in the form of the logged episode's version.
+    """Return the expected episode in the form of the logged episode's version; None if the protocol produces none.
 
     Earlier versions had images and labels among an episode's options, and computed first-person worlds only with the
     host's sine.
@@ -147,8 +154,13 @@ def _adapt_episode(episode: EpisodePlan | None, logged: EpisodePlan | None) -> E
 def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> Iterator[str]:
     """Compare a participant's group and stratum with the allocation list, and the stratum with their answer.
 
+    Args:
+        protocol: the study's protocol.
+        segment: the segment, whose events include the answer if the participant was asked in it.
+        plan: the segment's plan.
+
     Yields:
-        The differences.
+        A line for each difference.
     """
     participant = plan.participant
     slots = build_allocation_list(protocol)
@@ -169,7 +181,13 @@ def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> 
 
 
 def _compare_group(protocol: Protocol, plan: SessionPlan, slot: AllocationSlot) -> Iterator[str]:
-    """Yield how a participant's group differs from the design's decision or, without a design, the allocation list."""
+    """Yield how a participant's group differs from the design's decision or, without a design, the allocation list.
+
+    Args:
+        protocol: the study's protocol.
+        plan: the logged plan, which has the participant.
+        slot: the participant's slot in the allocation list.
+    """
     participant = plan.participant
     assigned = participant.assigned
     has_design = protocol.allocation.design is not None

@@ -28,7 +28,7 @@ from minihuman.log.salvage.summary_section import read_summary
 
 
 def find_studies(folder: Path) -> list[Path]:
-    """Return the folders with an enrolment log: the given folder, or the folders directly inside it."""
+    """Return the folders with an enrolment log: the given folder, or else those directly inside it; [] for a file."""
     if not folder.is_dir():
         return []
     if open_enrolment_log(folder).begun:
@@ -38,6 +38,12 @@ def find_studies(folder: Path) -> list[Path]:
 
 def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
     """Return the path of every session below a folder: a log, or a folder that holds one session in several files.
+
+    A path that is not a folder is returned as the only session.
+
+    Args:
+        path: the folder, or a log.
+        required: whether at least one session must be there.
 
     Raises:
         LogError: if there is none, although one is required.

@@ -45,13 +45,23 @@ class WorldTape:
     def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
         """Make a world that writes to this tape and reads from it.
 
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world; None for none.
+
         Raises:
             WorldError: if the world cannot be created here.
         """
         return _TapedWorld(world_id, options, self)
 
     def find_episode(self, world_id: str, options: Mapping[str, Any], seed: int) -> _Moment:
-        """Return the first moment of an episode, after adding it to the tape if it is not there yet."""
+        """Return the moment at which an episode begins, after adding it to the tape if it is not there yet.
+
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world.
+            seed: the seed with which the world is reset.
+        """
         return self._episodes.setdefault((world_id, hash64(options), seed), _Moment())
 
 
@@ -74,7 +84,7 @@ class _TapedWorld(World):
         )
 
     def reset(self, seed: int) -> ResetResult:
-        """Begin an episode from a seed."""
+        """Begin an episode with a seed; the tape is used from here on if the world can be taped."""
         self._unmade_steps.clear()
         self._moment = None
         reset = super().reset(seed)
@@ -98,7 +108,7 @@ class _TapedWorld(World):
         return result
 
     def _catch_up(self) -> None:
-        """Let the environment make the steps that were read from the tape."""
+        """Let the environment make the steps whose results were read from the tape."""
         steps = self._unmade_steps
         self._unmade_steps = []
         for action in steps:
@@ -130,7 +140,7 @@ class _TapedWorld(World):
         return self._moment.state_hash
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """Return the clauses of the episode's instruction, each with the step that fulfilled it."""
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
         if self._moment is None or self._moment.subgoals is None:
             return super().subgoals()
         return self._moment.subgoals
@@ -154,17 +164,17 @@ class _TapedWorld(World):
         return super().env
 
     def advance(self, action: Action) -> tuple[bool, bool]:
-        """Step the world without computing an observation."""
+        """Step the world without computing an observation; return whether the episode terminated, and was truncated."""
         self._leave_tape()
         return super().advance(action)
 
     def save(self) -> Any:
-        """Return an exact copy of the state."""
+        """Return an exact copy of the state, for ``restore``."""
         self._catch_up()
         return super().save()
 
     def restore(self, saved: Any) -> None:
-        """Restore a saved state."""
+        """Restore a state that ``save`` returned."""
         self._leave_tape()
         super().restore(saved)
 
@@ -174,7 +184,7 @@ class _TapedWorld(World):
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """Return what a person sees."""
+        """Return what a person sees as uint8[H, W, 3], as ``World.frame`` does."""
         self._catch_up()
         return super().frame(view, size_px, palette)
 
@@ -209,7 +219,11 @@ class WorldPool:
         self.all_repeat = True
 
     def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
-        """Make a world, or take one that is idle.
+        """Make a world, or take one that is idle and has the same id and options.
+
+        Args:
+            world_id: a Gymnasium id.
+            options: the options of the world; None for none.
 
         Raises:
             WorldError: if the world cannot be created here.
@@ -224,7 +238,7 @@ class WorldPool:
 
     @classmethod
     def _keep(cls, world: "_PooledWorld") -> bool:
-        """Keep a closed world for the next proof; return False, without keeping it, if its environment is to be closed.
+        """Keep a closed world for the next proof; return False if it is not kept and its environment is to be closed.
 
         One world is kept for each id and options, and the one that was kept first is closed if there are too many.
         """
@@ -261,5 +275,5 @@ class _PooledWorld(World):
             super().close()
 
     def close_finally(self) -> None:
-        """Close the environment."""
+        """Close the environment, so that the world cannot be used again."""
         super().close()

@@ -23,11 +23,21 @@ class ActionDistribution(abc.ABC):
 
     @abc.abstractmethod
     def draw(self, outputs: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
-        """Draw one action of each row, int64[batch] or float32[batch, components]."""
+        """Draw one action of each row, int64[batch] or float32[batch, components].
+
+        Args:
+            outputs: the policy's outputs.
+            generator: the source of randomness; None for torch's global generator.
+        """
 
     @abc.abstractmethod
     def log_probability(self, outputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        """Return the log-probability, or the logarithm of the density, of each row's action, float32[batch]."""
+        """Return the log-probability, or the logarithm of the density, of each row's action, float32[batch].
+
+        Args:
+            outputs: the policy's outputs.
+            actions: an action for each row, as ``draw`` returns them.
+        """
 
     @abc.abstractmethod
     def entropy(self, outputs: torch.Tensor) -> torch.Tensor:

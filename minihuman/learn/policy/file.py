@@ -69,14 +69,18 @@ class PolicyCard:
 
 
 def get_versions() -> dict[str, str]:
-    """Return the versions of the packages on which a policy's results depend."""
+    """Return the versions of the packages on which a policy's results depend, by the packages' names."""
     packages = ("torch", "stable-baselines3", "gymnasium", "numpy")
     versions = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
     return versions | {name: version(name) for name in packages}
 
 
 def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
-    """Write a policy file, replacing any existing file."""
+    """Write a policy file with the policy's weights and its card, replacing any existing file.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
     save_atomically(
         {"format": FORMAT, "card": asdict(card), "versions": get_versions(), "weights": policy.state_dict()}, path
     )

@@ -102,7 +102,7 @@ class ObservationEncoder:
         return observation
 
     def spreads(self, world: Any, raw: Any) -> bool:
-        """Return whether a world's observation ``raw`` has a grid's codes, and these settings spread them."""
+        """Return whether these settings spread the codes of a world's observation ``raw``; False without codes."""
         has_codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
         return has_codes and self.scaling == "spread"
 
@@ -141,7 +141,10 @@ class ObservationEncoder:
 
 
 def make_image_space(shape: tuple[int, int, int]) -> spaces.Box:
-    """Return the space of images of a shape (channels, height, width); an image of one pixel is a vector of float32."""
+    """Return the space of images of a shape (channels, height, width).
+
+    Images are uint8, 0 to 255; an image of one pixel stands for a vector of float32 without bounds.
+    """
     if shape[1:] == (1, 1):
         return spaces.Box(-np.inf, np.inf, shape, np.float32)
     return spaces.Box(0, 255, shape, np.uint8)
@@ -206,6 +209,10 @@ def encode_remembered_grid(world: GridEngine, explored_cells: NDArray[np.bool_])
     """Return the codes of the cells that were seen, up to ``REACH`` cells from the agent on each side.
 
     The array is centred and turned like that of `encode_whole_grid`. The agent's cell shows the object it carries.
+
+    Args:
+        world: the world.
+        explored_cells: for each cell whether it was seen, indexed by x * height + y.
     """
     state = world.state
     codes = _codes(state.cells) * explored_cells.reshape(state.width, state.height, 1)
@@ -219,9 +226,12 @@ def _codes(cells: Any) -> NDArray[np.uint8]:
 
 
 def _cut_surroundings(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the codes of the cells up to ``reach`` cells from the agent on each side, turned so that it faces up.
+    """Return the codes of the cells around the agent, turned so that it faces up; cells outside the grid are 0.
 
-    Cells outside the grid are 0.
+    Args:
+        world: the world.
+        reach: the number of cells on each side of the agent.
+        codes: the codes of all cells, uint8[width, height, 3].
     """
     state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)

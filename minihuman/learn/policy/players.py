@@ -40,6 +40,11 @@ class PolicyPlayer(SimulatedParticipant):
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Begin an episode: choose the policy for its world and find the keys of the policy's actions.
 
+        Args:
+            plan: the episode's plan, which assigns actions to keys.
+            pool: not used.
+            world: the episode's world.
+
         Raises:
             LearnError: if the policy was trained in another world, or none of its actions has a key.
         """
@@ -55,7 +60,7 @@ class PolicyPlayer(SimulatedParticipant):
             )
 
     def _find_file(self, world_id: str) -> tuple[Path, Policy, PolicyCard]:
-        """Return the first loaded policy that was trained in a world; the first of all if there is none."""
+        """Return the first loaded file that was trained in a world, or else the first of all: path, policy, card."""
         for path, policy, card in self._files:
             if world_id in card.worlds:
                 return path, policy, card
@@ -111,6 +116,12 @@ class PolicyAgent(BaseAgent):
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
     """Check that a policy can play the world of an episode.
+
+    Args:
+        path: the policy's file, for the error.
+        card: the policy's card.
+        plan: the episode's plan.
+        world: the episode's world.
 
     Raises:
         LearnError: if the policy was trained in another world, or with continuous actions or other observations.

@@ -60,7 +60,7 @@ class Lesson:
         return self.corrects is None and bool(self.by_person.all())
 
     def part(self, first: int, last: int) -> "Lesson":
-        """Return a lesson with the steps from ``first`` to ``last``, inclusive."""
+        """Return a lesson with only the steps from ``first`` to ``last``, inclusive, counted from 0."""
         chosen = slice(first, last + 1)
         probabilities = self.policy_probabilities
         if probabilities is not None:
@@ -173,7 +173,7 @@ class Dataset:
         return int(sum(lesson.by_person.sum() for lesson in self.lessons))
 
     def lesson(self, name: str) -> Lesson:
-        """Return the lesson with a name."""
+        """Return the lesson with a name, which must be in the dataset."""
         return next(lesson for lesson in self.lessons if lesson.name == name)
 
     def with_more(
@@ -223,13 +223,23 @@ class Dataset:
 
 
 def _require_lesson(rating: LessonRating, n_steps: Mapping[str, int]) -> None:
-    """Raise LearnError if a rating refers to none of the lessons, whose numbers of steps are given by name."""
+    """Raise LearnError if a rating refers to a lesson that does not exist.
+
+    Args:
+        rating: the rating.
+        n_steps: the number of steps of each lesson, by name.
+    """
     if rating.lesson not in n_steps:
         raise LearnError(f"a rating refers to lesson {rating.lesson!r}, which is not in the dataset; add that lesson")
 
 
 def _require_steps(fragment: LessonFragment, n_steps: Mapping[str, int]) -> None:
-    """Raise LearnError if a fragment has steps that its lesson lacks; the numbers of steps are given by lesson."""
+    """Raise LearnError if a fragment has steps that its lesson lacks.
+
+    Args:
+        fragment: the fragment.
+        n_steps: the number of steps of each lesson, by name.
+    """
     n_lesson_steps = n_steps.get(fragment.lesson, 0)
     if not 0 <= fragment.first <= fragment.last < n_lesson_steps:
         raise LearnError(

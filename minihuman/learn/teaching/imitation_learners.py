@@ -36,7 +36,7 @@ class ImitationLearner(Learner, abc.ABC):
 
     @abc.abstractmethod
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Return the weight of each step."""
+        """Return the weight of each step, (n,), in proportion to which it is drawn."""
 
     def learn(self, request: LearningRequest) -> LearningResult:
         """Learn from fresh weights, ignoring the previous policy.

@@ -126,7 +126,7 @@ class _Minimiser:
         return float(np.mean(self._losses))
 
     def update(self, loss_of: Loss, *, most_norm: float, warm_up: int) -> None:
-        """Make one update with a loss; ``most_norm`` and ``warm_up`` are as in ``minimise_loss``."""
+        """Make one update with the loss of a minibatch; the arguments are those of ``minimise_loss``."""
         loss = loss_of(self._generator)
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -208,7 +208,7 @@ class LabelledSteps:
 
 
 def collect_steps(lessons: Sequence[Lesson]) -> LabelledSteps:
-    """Return the steps of all given lessons, one lesson after the other."""
+    """Return the steps of all given lessons, at least one, one lesson after the other."""
     observations = {}
     for name in lessons[0].observations:
         parts = [lesson.observations[name] for lesson in lessons]
@@ -228,7 +228,9 @@ def fit_policy(
     budget_s: float,
     checkpoint: Path | None,
 ) -> tuple[int, float]:
-    """Fit a policy in place to the actions of steps, which are drawn in proportion to their weights.
+    """Fit a policy in place to the actions of steps, which are drawn in proportion to their weights, (n,).
+
+    The time limit and the checkpoint are as for ``minimise_loss``.
 
     Returns:
         The number of updates, and the mean cross-entropy of the last fifty updates in nats.
@@ -325,7 +327,7 @@ def make_learner(name: str) -> Learner:
 
 
 def choose_encoder(dataset: Dataset) -> EncoderName:
-    """Return the name of the network that suits the observations of a dataset."""
+    """Return the name of the image encoder that suits the observations of a dataset."""
     if get_image_shape(dataset.space)[1] >= SMALLEST_PICTURE:
         if dataset.eyesight.sight == "whole":
             return "map"
@@ -343,6 +345,10 @@ def make_fresh_policy(dataset: Dataset, rng: np.random.Generator) -> Policy:
 
 def copy_policy(policy: Policy, dataset: Dataset) -> Policy:
     """Return a copy of a policy, for training that must not change the original.
+
+    Args:
+        policy: the policy to copy.
+        dataset: the dataset to train on, from which the network follows.
 
     Raises:
         LearnError: if the policy's network is not the one that the dataset needs.

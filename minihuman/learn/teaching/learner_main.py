@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def _learn_policy(request: dict[str, Any], out: Path) -> Path:
-    """Learn the policy that a request asks for, and return the path of its file."""
+    """Learn the policy that a request asks for, write it to ``out`` and return the path of the file."""
     from minihuman.learn.teaching.log_dataset import read_session_dataset
     from minihuman.learn.teaching.provenance import make_policy
 

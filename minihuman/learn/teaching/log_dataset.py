@@ -84,7 +84,13 @@ def read_session_dataset(
 
 
 def _list_compared(log: SessionLog, episodes: Sequence[EpisodeLog], plan: EpisodePlan) -> list[EpisodeLog]:
-    """Return the episodes that were compared in a session and have the world and the options of a plan."""
+    """Return the episodes that were compared in a session and have the world and the options of a plan.
+
+    Args:
+        log: the log of the session.
+        episodes: the episodes from which to choose.
+        plan: the plan of an episode with the world and the options.
+    """
     compared = set[tuple[int, int]]()  # episode and attempt
     for comparison in log.comparisons:
         compared.add((comparison.left.episode, comparison.left.attempt))
@@ -103,6 +109,12 @@ def read_study_dataset(
 ) -> Dataset:
     """Return the dataset of all included episodes of one world in a study's logs.
 
+    Args:
+        source: a study's folder, or a log.
+        world: the world's Gymnasium id.
+        eyesight: the settings of the policy's observations.
+        selection: the rule for which sessions and episodes are included; None for that of ``Selection()``.
+
     Raises:
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
@@ -113,7 +125,12 @@ def read_study_dataset(
 
 
 def _describe_source(path: Path, lessons: int) -> Source:
-    """Return a log as a source of lessons; its digest is "" while the log is a folder, which is still being written."""
+    """Return a log as a source of lessons; its digest is "" for a session in several files, which is unfinished.
+
+    Args:
+        path: the log, or the folder of the session's files.
+        lessons: the number of the log's episodes in the dataset.
+    """
     sha256 = ""
     if path.is_file():
         sha256 = hash_file(path)
@@ -126,7 +143,17 @@ def _build_dataset(
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
-    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons."""
+    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons.
+
+    Args:
+        episodes: the episodes, each with its log.
+        eyesight: the settings of the policy's observations.
+        sources: the logs, as the dataset names them.
+        selection: lines that say which episodes are included.
+
+    Raises:
+        LearnError: if episodes have different options, or an episode or a correction does not replay.
+    """
     plan = get_shared_plan(episodes)
     corrections = [correction for _, correction in _select_corrections(episodes)]
     corrected_actions = [int(correction.actions.max()) for correction in corrections if len(correction.actions)]
@@ -155,7 +182,11 @@ def _list_lessons(
 ) -> Iterator[Lesson]:
     """Replay episodes, and yield each as a lesson.
 
-    A lesson has the policy's probabilities of the world's first ``actions`` actions, if the log has them.
+    Args:
+        episodes: the episodes, each with its log.
+        world: a world of their id and options.
+        encoder: encodes the world's observations.
+        actions: the number of actions, from the world's first, whose probabilities by the policy a lesson has.
     """
     for log, episode in episodes:
         observations = list(replay_observations(log, episode, world, encoder))
@@ -276,7 +307,12 @@ def _list_comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]
 
 
 def make_fragment(clip: EpisodeClip, lesson: str) -> LessonFragment:
-    """Return the fragment of an episode's lesson that a clip shows; ``lesson`` is the lesson's name."""
+    """Return the part of an episode's lesson that a clip of the episode shows.
+
+    Args:
+        clip: the clip.
+        lesson: the name of the lesson.
+    """
     return LessonFragment(lesson, clip.first, len(clip.actions) - 1)
 
 
@@ -290,7 +326,13 @@ def _name_session(log: SessionLog) -> str:
 
 
 def make_lesson_name(session: str, episode: int, attempt: int) -> str:
-    """Return the name of an episode's lesson, such as "sub-01_ses-01:3"; ``episode`` counts from 0 in the session."""
+    """Return the name of an episode's lesson, such as "sub-01_ses-01:3", or "sub-01_ses-01:3:2" for a second attempt.
+
+    Args:
+        session: the name of the session.
+        episode: the number of the episode in the session, from 0.
+        attempt: the number of the attempt, from 1.
+    """
     name = f"{session}:{episode + 1}"
     if attempt > 1:
         name += f":{attempt}"

@@ -71,13 +71,18 @@ class RewardModel:
         self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return the rewards of many steps, of shape (n,)."""
+        """Return the standardised rewards of many steps, of shape (n,).
+
+        Args:
+            observations: the parts of the observations before the steps, each with n rows.
+            actions: the actions of the steps, int64[n].
+        """
         raw = self._predict_raw_rewards(observations, actions)
         standardised = (raw - self._member_means) / self._member_stds
         return np.asarray(self._scale * standardised.mean(axis=0))
 
     def reward(self, observation: Observation, action: int) -> float:
-        """Return the reward of one step; the latest rewards are cached."""
+        """Return the standardised reward of one step; the latest rewards are cached."""
         key = (bytes([action]), *(part.tobytes() for part in observation.values()))
         if key not in self._reward_cache:
             if len(self._reward_cache) >= MAX_CACHED:
@@ -89,7 +94,12 @@ class RewardModel:
     def predict_answers(
         self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]
     ) -> NDArray[np.float64]:
-        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs)."""
+        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs).
+
+        Args:
+            dataset: the dataset with the lessons of the fragments.
+            pairs: the left and the right fragment of each pair.
+        """
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._predict_raw_rewards(steps.observations, steps.actions))
@@ -104,7 +114,7 @@ class RewardModel:
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _predict_raw_rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
-        """Return each member's reward of each step before standardisation, of shape (members, n)."""
+        """Return each network's reward of each step before standardisation, of shape (members, n)."""
         with torch.no_grad():
             member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
         return np.asarray(torch.stack(member_rewards).double())
@@ -181,7 +191,7 @@ class _EncodedAnswers:
 
 
 def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _EncodedAnswers:
-    """Return comparisons, with an answer other than "cannot tell", as tensors."""
+    """Return comparisons as tensors; the answer of each must be in ``SHARES``, so that it is not "cannot tell"."""
     first = get_first_rows(dataset)
     left_sides = [comparison.left for comparison in comparisons]
     right_sides = [comparison.right for comparison in comparisons]
@@ -234,7 +244,10 @@ def _index_rows(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use.
 
-    ``first_rows`` are those of `get_first_rows`, and ``longest`` is the number of steps of the longest fragment.
+    Args:
+        fragments: the n fragments.
+        first_rows: the row of each lesson's first step, as `get_first_rows` returns it.
+        longest: the number of steps of the longest fragment.
     """
     rows = torch.zeros(len(fragments), longest, dtype=torch.int64)
     inside = torch.zeros(len(fragments), longest)
@@ -251,7 +264,14 @@ def _mean_rewards(
 ) -> torch.Tensor:
     """Return a network's mean reward over the steps of each fragment, float32[n].
 
-    The network evaluates each different observation once. The rows and the mask ``inside`` are those of `_index_rows`.
+    The network evaluates each different observation once.
+
+    Args:
+        member: the network.
+        steps: the steps of all lessons.
+        equal_steps: for each step, the row of the first step with the same observation.
+        rows: the rows of the fragments' steps, as `_index_rows` returns them.
+        inside: the mask of these rows.
     """
     flat_rows = rows.flatten()
     distinct_rows, indices = equal_steps[flat_rows].unique(return_inverse=True)  # type: ignore[no-untyped-call]
@@ -283,7 +303,7 @@ EVERY_EPISODE = 2**31  # more episodes than a session can have
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
-    """Return the ensemble's disagreement on each pair: the variance of the probability of its right side."""
+    """Return the variance, over the networks, of the probability that each pair's right side is better, (pairs,)."""
     return np.asarray(model.predict_answers(dataset, pairs).var(axis=0))
 
 
@@ -350,7 +370,11 @@ class RewardModelEnv(TrainingEnv):
         return self._before, info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Step the world; return the reward function's reward, and begin the next episode if this one terminated."""
+        """Step the world; begin the next episode, without a sign to the learner, if this one terminated.
+
+        Returns:
+            The observation, the reward function's reward, False, whether the episode is truncated, and no facts.
+        """
         before = self._before
         observation, _, terminated, truncated, _ = super().step(action)
         reward = self._reward_function(before, action, self.world)
@@ -421,9 +445,16 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on a function's rewards, from ``start`` or, if it is None, from fresh weights.
+    """Return a policy trained with PPO on a function's rewards in the dataset's world.
 
     The global generators of NumPy and torch are left in their present state.
+
+    Args:
+        dataset: the dataset, which has the world, its options and the settings of observations.
+        reward_function: returns the reward of a step.
+        settings: the settings of PPO.
+        seed: the seed of the training.
+        start: the policy to start from; None for fresh weights.
     """
     world = RewardModelEnv(dataset, reward_function, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)

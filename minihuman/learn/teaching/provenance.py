@@ -143,7 +143,15 @@ def _load_start(start: Path | None, dataset: Dataset) -> Policy | None:
 
 
 def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
-    """Return the card of a learned policy, with the record from which its training can be reproduced."""
+    """Return the card of a learned policy, with the record from which its training can be reproduced.
+
+    Args:
+        dataset: the dataset from which it was learned.
+        learner: the learner's name, without settings.
+        learned: the learner's result.
+        seed: the seed of all random draws.
+        start_sha256: the SHA-256 digest of the starting policy's file; "" for none.
+    """
     training: dict[str, Any] = {
         "learner": learner,
         "settings": learned.settings,
@@ -175,7 +183,7 @@ def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: i
 
 
 def _find_differences(policy: Policy, relearned: Policy) -> list[str]:
-    """Return a line about each array of weights in which two policies differ, with the largest difference."""
+    """Return a line about each array of weights in which two policies differ, with the largest absolute difference."""
     relearned_weights = relearned.state_dict()
     differences = []
     for name, weights in policy.state_dict().items():

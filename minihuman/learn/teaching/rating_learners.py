@@ -145,10 +145,15 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
 
 
 def _compute_prediction_error(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
-    """Return the mean squared error of predicting each rating from the others, assuming a delay of presses.
+    """Return the mean squared error of predicting each rating from the others, if all presses had a delay.
 
     The prediction is a ridge regression with a kernel that is 1 for the same action on the same image, less for other
     images, and 0 for different actions. The error is infinite if too few presses fit the delay.
+
+    Args:
+        presses: the rating presses.
+        steps: the steps of all lessons.
+        delay_ms: the delay from a step's outcome to the press that rates it.
     """
     step_rows, _ = presses.match_steps(delay_ms)
     fits = np.flatnonzero(step_rows >= 0)[-MAX_PRESSES:]
@@ -364,7 +369,7 @@ def _copy_or_make_policy(request: LearningRequest) -> Policy:
 
 
 def _find_past_probabilities(dataset: Dataset) -> NDArray[np.float64]:
-    """Return the probability of each step's action at the time it was taken, at least 0.05; 1 if it is unknown."""
+    """Return the probability of each step's action when it was taken, (n,), at least 0.05; 1 if it is unknown."""
     probabilities: list[NDArray[Any]] = []
     for lesson in dataset.lessons:
         n = len(lesson.actions)

@@ -30,7 +30,7 @@ class DoubtfulPress(NamedTuple):
 
 
 def find_doubtful_presses(log: SessionLog) -> list[DoubtfulPress]:
-    """Return a session's doubtful presses, from segments that did not judge the causes of presses."""
+    """Return a session's doubtful presses, from the segments whose rules did not yet judge the causes of presses."""
     return [
         press for segment in log.segments if "key_rules" not in segment.facts for press in _find_in_segment(segment)
     ]

@@ -70,12 +70,16 @@ class CategoricalTexts(Sequence[str]):
         return f"CategoricalTexts.of({list(self)!r})"
 
     def equals_any(self, texts: Collection[str]) -> NDArray[np.bool_]:
-        """Return a mask of the rows whose text is one of the given texts, (n,)."""
+        """Return a mask, (n,), that is True for each row whose text is one of the given texts."""
         is_equal: NDArray[np.bool_] = np.array([word in texts for word in self.categories], np.bool_)[self.codes]
         return is_equal
 
     def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """Count how often each category occurs in the selected rows, including categories that do not occur there."""
+        """Return how often each text occurs in the selected rows; a category without such a row has count 0.
+
+        Args:
+            rows: a mask of the selected rows, (n,), or a slice; by default, all rows.
+        """
         counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
@@ -143,11 +147,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return cls(parts[0]._kind, column, range(sum(map(len, parts))))
 
     def column(self, name: str) -> Any:
-        """Return one field of every event, as ``CategoricalTexts`` or an array; NO_ACTION for no action."""
+        """Return one field of every event as ``CategoricalTexts`` or an array, in which NO_ACTION means no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Return the slice of this sequence that holds the same events as a contiguous part that was sliced from it."""
+        """Return the slice of this sequence that holds the events of ``part``, which is a contiguous slice of it."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -169,7 +173,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _convert_column(name: str, column: Any) -> Iterable[Any]:
-    """Convert a column to the values of event objects."""
+    """Return the column of the field with a name as values of event objects, in which None stands for no action."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
@@ -179,7 +183,7 @@ def _convert_column(name: str, column: Any) -> Iterable[Any]:
 
 
 def _convert_cell(name: str, cell: Any) -> Any:
-    """Convert one value of a column to that of an event object."""
+    """Return one value of the field with a name as in an event object, in which None stands for no action."""
     if isinstance(cell, str):
         return cell
     number = cell.item()

@@ -122,17 +122,27 @@ class Segment:
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
-    """Shift a segment's notes to session time, and sort them by time."""
+    """Return a segment's notes with their times shifted to session time, sorted by time.
+
+    Args:
+        notes: the notes, with times in nanoseconds since the segment began.
+        start_ns: the session time at which the segment began.
+    """
     return tuple(sorted((replace(note, t_ns=note.t_ns + start_ns) for note in notes), key=lambda note: note.t_ns))
 
 
 def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEvent, ...]:
-    """Shift a segment's part events to session time."""
+    """Return a segment's part events, in the same order, with their times shifted to session time.
+
+    Args:
+        events: the events, with times in nanoseconds since the segment began.
+        start_ns: the session time at which the segment began.
+    """
     return tuple(_shift_event(event, start_ns) for event in events)
 
 
 def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
-    """Shift all times of an event that are known, from the time of its segment to session time."""
+    """Return an event with all its known times shifted by ``start_ns``, from its segment's time to session time."""
     if isinstance(event, Linked):  # its other times are durations
         return replace(event, t_ns=event.t_ns + start_ns)
     names = (field.name for field in fields(event) if field.name.endswith("_ns"))
@@ -145,7 +155,7 @@ CUT_OFF = "cut_off"  # the outcome or end reason if the log ends before there is
 
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
-    """Return a pose as a row of ``EpisodeLog.poses``, filled with NaN if the world gave no pose."""
+    """Return a pose as a row of ``EpisodeLog.poses``: x, y, z, yaw in radians; all NaN if the world gave no pose."""
     if pose is None:
         return (np.nan,) * 4
     return (pose.x, pose.y, pose.z, pose.yaw_rad)
@@ -182,7 +192,7 @@ class TeamRecord:
 
     @property
     def partner(self) -> str:
-        """Return the partners as one word: "person", an agent's name, or several joined by "+"."""
+        """Return the partners as one word: "person", an agent's name, or several joined by "+"; "" without partners."""
         return "+".join(self.partners)
 
     @property
@@ -198,9 +208,9 @@ class TeamRecord:
 
     @property
     def absent_share(self) -> float | None:
-        """Return the share of joint steps in which a person's seat idled without input, or an agent acted for it.
+        """Return the share of joint steps in which a person's seat idled for lack of input, or an agent acted for it.
 
-        None if there are no joint steps.
+        One such seat is enough for a step to count. The result is None if there are no joint steps.
         """
         if not self.sources:
             return None
@@ -211,7 +221,11 @@ class TeamRecord:
         return n_absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
-        """Return how the joint actions contradict their logged digest; "" if they do not."""
+        """Return how the joint actions contradict their logged digest; "" if they do not or there are none.
+
+        Args:
+            seed: the seed with which the episode's world was reset.
+        """
         digest = digest_joint_actions(self.team, seed, self.actions.tolist())
         if not len(self.actions) or digest == self.digest:
             return ""
@@ -270,7 +284,13 @@ def gather_team(
 
 
 def _gather_poses(ready: SeatsReadied | None, joint_steps: Sequence[JointStepped], n_seats: int) -> NDArray[np.float64]:
-    """Return all seats' poses at the reset and after each joint step, float64[states, seats, 4]; NaN if unknown."""
+    """Return all seats' poses at the reset and after each joint step, float64[steps + 1, seats, 4]; NaN if unknown.
+
+    Args:
+        ready: the event with all poses at the reset; None if the log lacks it.
+        joint_steps: the events of the joint steps.
+        n_seats: the number of seats.
+    """
     unknown = (np.nan,) * 4 * n_seats
     poses = [unknown]
     if ready is not None and ready.poses:
@@ -311,7 +331,11 @@ class EpisodeLog:
     infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of ``info`` that the plan keeps; None without any
 
     def __post_init__(self) -> None:
-        """Refuse columns whose lengths do not match the number of steps."""
+        """Check that each column has as many rows as the number of steps requires.
+
+        Raises:
+            ValueError: if a column has another number of rows.
+        """
         n_steps = len(self.actions)
         n_states = n_steps + 1
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
@@ -369,7 +393,10 @@ class EpisodeLog:
 
     @property
     def success(self) -> bool | None:
-        """Return whether the goal was reached; None if no rule decides that."""
+        """Return whether the goal was reached.
+
+        None if no rule decides that, or if the world was to report it and did not.
+        """
         if self.outcome == "ended":
             return None
         if self.outcome in ("goal", "timeout", "failure"):
@@ -420,7 +447,7 @@ class SessionLog:
 
     @property
     def waited_ns(self) -> int:
-        """Return the total time in lobbies, each from arrival until a team formed, or the wait or segment ended."""
+        """Return the nanoseconds in lobbies, each from arrival until a team formed, or the wait or segment ended."""
         return sum(_measure_lobby_ns(segment) for segment in self.segments)
 
     @property

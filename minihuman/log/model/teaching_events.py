@@ -154,7 +154,13 @@ class TeachingRecord:
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
-        """Return the share of the person's steps in which the policy agreed; NaN if there are none."""
+        """Return the share of the person's steps with advice in which the policy advised the action that was taken.
+
+        NaN if there are no such steps.
+
+        Args:
+            actions: the actions of the episode's steps, (n,).
+        """
         is_compared = self.by_person & (self.policy_actions != NO_ADVICE)
         if is_compared.any():
             return float((self.policy_actions[is_compared] == actions[is_compared]).mean())

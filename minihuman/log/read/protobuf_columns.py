@@ -114,7 +114,14 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
 
 class _Field:
-    """One field, collected from one message after the other."""
+    """One field of n messages, which is read from all of them together.
+
+    Args:
+        field: the field's descriptor.
+        data: the bytes of the messages.
+        ends: where each message ends in ``data``.
+        canonical: whether ``mark_canonical`` will be called.
+    """
 
     def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets, *, canonical: bool) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
@@ -122,7 +129,7 @@ class _Field:
         # a repeated field's default in every release of protobuf; its numbers are packed
         self._is_list = field.default_value == []
         self._wire_type = _LENGTH if self._is_list else _WIRE_TYPE[field.type]
-        tag = field.number << 3 | self._wire_type
+        tag = field.number << 3 | self._wire_type  # written as a varint of one or two bytes
         self._second_tag_byte = tag >> 7  # 0 if the tag has one byte
         self._first_tag_byte = (tag & 0x7F) | 0x80 if self._second_tag_byte else tag
         self._tag_bytes = 2 if self._second_tag_byte else 1
@@ -177,6 +184,7 @@ class _Field:
         assert self._varint_bytes is not None
         numbers = self._lengths.view(np.uint64) if self._wire_type == _LENGTH else self._numbers
         upper_bits = (7 * (self._varint_bytes - 1)).clip(0, 63).astype(np.uint64)
+        # a varint is as short as possible if its last seven bits are not all 0
         is_canonical: NDArray[np.bool_] = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
         is_canonical &= self._varint_bytes < _LONGEST_VARINT
         if self._kind.type == FieldDescriptor.TYPE_BOOL:
@@ -216,7 +224,7 @@ class _Field:
         Raises:
             ValueError: if a list ends inside a number.
         """
-        if (self._lengths % 8).any():
+        if (self._lengths % 8).any():  # a double has eight bytes
             raise ValueError(f"field {self._kind.name} is truncated: it ends inside a number")
         counts = self._lengths // 8
         rows = np.full((len(counts), int(counts.max(initial=0))), np.nan)
@@ -226,7 +234,10 @@ class _Field:
 
 
 def _view_eight_bytes(data: bytes) -> Uint64Array:
-    """Return, for each position, its eight bytes as one number, so that many positions can be read at once."""
+    """Return, for each position but the last seven, its eight bytes as one little-endian number.
+
+    Thus many positions can be read at once.
+    """
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
@@ -248,6 +259,7 @@ def _decode_varints(eights: Uint64Array, positions: MessageOffsets) -> tuple[Uin
     numbers = eight & within & _SEVENS
     for bits, lower in _PAIRS:  # joins groups of 7 bits to 14, 28 and 56
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
+    # the product adds up, in its highest byte, the lowest bit of each byte within: the number of these bytes
     positions = positions + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
     unfinished = np.flatnonzero(stops == 0)  # numbers of more than eight bytes
     shift = 56
@@ -315,7 +327,7 @@ def _skip_unknown_field(data: bytes, position: int, end: int) -> int:
         ValueError: if the bytes are not such a field.
     """
     tag, position = _decode_varint(data, position)
-    number = tag >> 3
+    number = tag >> 3  # the lowest three bits of a tag are the wire type
     wire_type = tag & 7
     if number == 0:
         raise ValueError("a field has number 0")

@@ -53,7 +53,7 @@ class LogReader:
                     if not start:
                         raise LogError(f"{self.path} is not a minihuman log: it has no schema version")
                     self._decode = select_decoder(start, self.path)
-                    self.starts += [start] * record.count(PLAN)
+                    self.starts += [start] * record.count(PLAN)  # once if the chunk has the segment's plan
                     self._chunk_position = scan.position
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:

@@ -116,7 +116,11 @@ class SessionAssembler:
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
-        """Store a chunk's frequent messages, observations and samples; return the others with their positions."""
+        """Store a chunk's frequent messages, observations and samples.
+
+        Returns:
+            The position among all messages, the topic and the bytes of each other message of the record.
+        """
         rare_messages: list[tuple[int, str, bytes]] = []
         chunk_begin = self._size
         for topic, positions, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
@@ -228,7 +232,11 @@ class SessionAssembler:
     def _place_segments(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
-        """Return every segment placed in session time, still without its keys, with the positions of its messages."""
+        """Return every segment in session time, still without keys and samples, and the range of its messages.
+
+        A range has the positions of the segment's first message and of the next segment's first; None for the log's
+        end.
+        """
         ended_cleanly = {int(end["segment"]): end["clean"] == "true" for end in ends}
         first_unix_ns = int(starts[0]["started_unix_ns"])
         begins = [draft.begin for draft in self._segments]
@@ -275,12 +283,18 @@ class SessionAssembler:
         return max(draft.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
 
     def _find_samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
-        """Return the samples of a segment, whose messages lie between two positions."""
+        """Return the samples of a segment.
+
+        Args:
+            segment: the segment, in session time.
+            begin: the position of its first message.
+            end: the position of the next segment's first message; None for the log's end.
+        """
         positions, messages = self._unread[topics.SAMPLE]
         return SampleSequence(messages[_slice_between(positions, begin, end)], segment.start_ns)
 
     def _find_observations(self, draft: _EpisodeDraft, steps: int) -> ObservationSequence | None:
-        """Return the observations of an episode; None if the log does not have all of them."""
+        """Return the observations of an episode with a number of steps; None if the log does not have all of them."""
         positions, messages = self._unread[topics.OBSERVATION]
         observed = messages[_slice_between(positions, draft.begin, draft.end)]
         if len(observed) > steps:
@@ -337,7 +351,13 @@ class SessionAssembler:
                 self._episodes[-1].activity_events.append(event)
 
     def _end_episode(self, position: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
-        """End the latest episode, if it has not ended yet, before the message at a position."""
+        """End the latest episode, if it has not ended yet, before the message at a position.
+
+        Args:
+            position: the position among all messages.
+            outcome: the episode's outcome; None if the log does not state one.
+            cause: what ended the episode, if no step did; "" otherwise.
+        """
         if self._episodes and self._episodes[-1].end is None:
             episode = self._episodes[-1]
             episode.end = position
@@ -346,7 +366,10 @@ class SessionAssembler:
 
 
 def _slice_between(positions: Sequence[int], begin: int, end: int | None) -> slice:
-    """Return the slice of sorted positions that lie after ``begin`` and not after ``end``; None for the log's end."""
+    """Return the slice of a sorted list of positions that holds those above ``begin`` and up to ``end``, inclusive.
+
+    If ``end`` is None, it holds all above ``begin``.
+    """
     first = bisect(positions, begin)
     if end is None:
         return slice(first, None)
@@ -354,13 +377,19 @@ def _slice_between(positions: Sequence[int], begin: int, end: int | None) -> sli
 
 
 def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
-    """Return a segment's pauses, clipped to the duration of an episode."""
+    """Return the parts of a segment's pauses that lie between two times, those of an episode's reset and last step."""
     within = ((begin, end) for begin, end in pauses if begin < last_ns and end > first_ns)
     return tuple((max(begin, first_ns), min(end, last_ns)) for begin, end in within)
 
 
 def _build_teaching(draft: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
-    """Build the record of an agent's part in an episode; None if a team played it or no agent took part."""
+    """Return the record of an agent's part in an episode; None if a team played it or no agent took part.
+
+    Args:
+        draft: the episode.
+        steps: the number of its steps.
+        start_ns: the session time at which its segment began.
+    """
     if not draft.activity_events or draft.formed is not None:
         return None
     in_time = part_events_in_session_time(draft.activity_events, start_ns)
@@ -425,6 +454,11 @@ def list_session_files(path: Path) -> list[Path]:
 
 def _build_session_log(path: Path, assembler: SessionAssembler, readers: list[LogReader]) -> SessionLog:
     """Build a session's log from its files, after all of them have been read.
+
+    Args:
+        path: the log, or the folder of the files.
+        assembler: the assembler, which has the files' messages.
+        readers: the readers of the files, in order.
 
     Raises:
         LogError: if a step or a key press cannot be read, or a step is missing.

@@ -60,7 +60,7 @@ class SampleSequence(Sequence[events.Sampled]):
         return self._read_sample(self._messages[index])
 
     def _read_sample(self, message: bytes) -> events.Sampled:
-        """Decode a sample, and shift its time to session time."""
+        """Return the sample in a message, with its time shifted to session time."""
         sampled = decode_event(topics.SAMPLE, message)
         assert isinstance(sampled, events.Sampled)
         return replace(sampled, t_ns=sampled.t_ns + self._start_ns)
@@ -91,7 +91,7 @@ def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray
 
 
 def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArray[Any]]:
-    """Build the columns of ``EpisodeLog`` that have a row for each step; ``column`` returns a field of all steps."""
+    """Return the columns of ``EpisodeLog`` with a row per step, by name; ``column`` returns a field of all steps."""
     rt_ms = column("rt_ms")
     return {
         "actions": column("action").values,
@@ -152,7 +152,13 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
 
 
 class TopicRows:
-    """A session's messages on one topic: their positions among all messages, and their fields, read on demand."""
+    """A session's messages on one topic: their positions among all messages, and their fields, read on demand.
+
+    Args:
+        topic: a topic of ``FREQUENT_TOPICS``.
+        batches: the places of the messages, and where each begins and ends in ``data``.
+        data: the bytes of the messages, followed by ``BEYOND``.
+    """
 
     def __init__(self, topic: str, batches: Sequence[TopicMessages], data: bytes) -> None:
         self._topic = topic
@@ -199,7 +205,7 @@ class TopicRows:
         return cells
 
     def between(self, begin: int, end: int | None) -> slice:
-        """Return the rows of the messages at positions from ``begin`` to before ``end``; None is the log's end."""
+        """Return the rows of the messages at positions from ``begin`` to before ``end``; None means the log's end."""
         first = int(np.searchsorted(self.places, begin))
         if end is None:
             return slice(first, len(self.places))
@@ -207,7 +213,12 @@ class TopicRows:
 
 
 class FrequentRows:
-    """A session's messages on the most frequent topics: steps, keys and frames."""
+    """A session's messages on the most frequent topics: steps, keys and frames.
+
+    Args:
+        batches: the places of the messages by topic, and where each begins and ends in the joined chunks.
+        chunks: the bytes of the chunks that hold the messages, in order.
+    """
 
     def __init__(self, batches: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
         data = b"".join((*chunks, BEYOND))

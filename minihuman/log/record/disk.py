@@ -198,7 +198,7 @@ class WriteJob:
 
 
 class FileWriter:
-    """Writes a live file and makes it durable in other threads: two of its own, or that of a ``GroupCommit``.
+    """Writes a live file and makes it durable in other threads: two that only it uses, or that of a ``GroupCommit``.
 
     With a ``GroupCommit`` the file's own ``sync`` is called only if the file was removed and has to be written again.
     """
@@ -366,7 +366,7 @@ class FileWriter:
 
 
 def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
-    """Take all jobs from a queue; the caller must be the queue's only reader."""
+    """Take all jobs that are in a queue, and return them; the caller must be the queue's only reader."""
     waiting = []
     while not jobs.empty():
         waiting.append(jobs.get())
@@ -407,7 +407,7 @@ class GroupCommit:
         self._thread: threading.Thread | None = None
 
     def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
-        """Schedule a commit of a file's queued blocks, after ``GATHER_S`` or at once."""
+        """Schedule a commit of a file's queued blocks, in ``GATHER_S`` seconds or at once."""
         if at_once:
             self._hurried.append(file)
         else:
@@ -461,7 +461,7 @@ class GroupCommit:
         return list(files)
 
     def commit(self, files: Sequence[FileWriter]) -> None:
-        """Write the queued blocks of these files, and make them durable."""
+        """Write the queued blocks of these files and make them durable; errors are recorded in the files' writers."""
         written_files = []
         for file in files:
             with _isolate_failures():

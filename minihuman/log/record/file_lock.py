@@ -83,7 +83,7 @@ def _find_recorded_error(segment_path: SegmentPath) -> LogError | None:
 
 
 def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
-    """Open and lock a leftover live file; return its file descriptor.
+    """Open a leftover live file with the flags of ``os.open``, lock it, and return its file descriptor.
 
     Raises:
         LogError: if a live process is still writing it, it does not exist, or it cannot be opened.

@@ -66,7 +66,7 @@ class FinalizedLog:
 
     @property
     def damaged(self) -> bool:
-        """Return whether part of the log was damaged; a torn last write of a live file does not count as damage."""
+        """Return whether part of a readable log was damaged; a torn last write of a live file is not damage."""
         torn = self.damage.startswith("cut off") and not self.was_finished
         return bool(self.damage) and self.readable and not torn
 
@@ -140,7 +140,11 @@ def _put_unreadable_aside(part: Path) -> FinalizedLog:
 
 
 def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) -> None:
-    """Require that the log has no other segment with the live file's number; ``earlier`` has the log's segments.
+    """Require that the session's log has no other segment with the live file's number.
+
+    Args:
+        segment_path: the paths of the live file and the log.
+        earlier: the start times of the log's segments, by segment number.
 
     Raises:
         LogError: if it has one.
@@ -153,7 +157,12 @@ def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) 
 
 
 def _compare_with_log(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
-    """Return the outcome, stated as damaged if the live file has messages that the log lacks, as after a resume."""
+    """Return the outcome, stated as damaged if the live file has messages that the log lacks, as after a resume.
+
+    Args:
+        segment_path: the paths of the live file and of the log that has its segment already.
+        finalized: the outcome of reading the live file.
+    """
     # ``in`` continues after the message that was found last, since it consumes the iterator: the order is checked, too
     logged = _read_record(segment_path.log)
     topics_in_log = [message[0] for message in _read_record(segment_path.part) if message in logged]
@@ -168,7 +177,10 @@ def _compare_with_log(segment_path: SegmentPath, finalized: FinalizedLog) -> Fin
 
 
 def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
-    """Yield the topic, the numbers and the data of a file's messages in file order, without previews."""
+    """Yield the messages of a file's record, in file order and without previews, as tuples that can be compared.
+
+    A tuple has the topic, the sequence number, the log time, the publish time and the data.
+    """
     return (
         (record.channel.topic, *record[1:])
         for record in LogScanner(path)
@@ -266,6 +278,7 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
     steps = copy.total[topics.STEP]
     episodes = copy.total[topics.EPISODE_START]
     end_reason = copy.end_reason or CUT_OFF
+    # True: the log is readable, since it has a plan
     return FinalizedLog(log, True, steps, episodes, end_reason, damage, damaged_copy_path=kept_path, was_finished=True)
 
 
@@ -306,7 +319,15 @@ def find_leftovers(folder: Path) -> list[Path]:
 def _write_finished_log(
     segment_path: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: ExpectedContent | None
 ) -> FinalizedLog:
-    """Write a live file into a new finished log, after the session's log if ``with_log``; return the outcome."""
+    """Write a new finished log from a live file, and return the outcome.
+
+    Args:
+        segment_path: the paths of the live file and the session's log.
+        target: the path of the new log.
+        with_log: whether to copy the session's log into it first.
+        clean: whether the session ended normally.
+        promised: what the recorder wrote; None if that is unknown.
+    """
     with _open_finished_log(target) as copy:
         if with_log:
             copy.copy_file(LogScanner(segment_path.log))
@@ -339,7 +360,7 @@ def _write_finished_log(
 
 @contextmanager
 def _open_finished_log(target: Path, indexes: IndexType = IndexType.ALL) -> Iterator[LogCopier]:
-    """Open a new finished log for writing; it is durable when the context exits."""
+    """Open a new finished log for writing, with these kinds of index; it is durable when the context exits."""
     with write_durably(target) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True, index_types=indexes)
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)

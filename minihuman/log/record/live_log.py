@@ -44,7 +44,15 @@ class ChunkBuilder:
         self._times_ns: list[int] = []
 
     def add(self, channel: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Add a message to the chunk."""
+        """Add a message to the chunk.
+
+        Args:
+            channel: the number of the message's channel.
+            sequence: the message's sequence number.
+            log_ns: the log time in nanoseconds since 1970.
+            publish_ns: the publish time in nanoseconds since 1970.
+            data: the encoded message.
+        """
         head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_HEAD_BYTES + len(data), channel, sequence, log_ns, publish_ns)
         self._records += (head, data)
         self._times_ns.append(log_ns)
@@ -150,7 +158,7 @@ class LiveLogEncoder:
         return self._bytes.take()
 
     def _encode_start(self, event: SessionStarted) -> bytes:
-        """Encode a segment's start: the plan in a chunk of its own, preceded by its second copy.
+        """Encode a segment's start: the plan in a separate chunk, preceded by its second copy.
 
         The copy follows the attachments. If a write is torn, a plan that can be read thus has everything that belongs
         to it.
@@ -179,7 +187,7 @@ class LiveLogEncoder:
         return begin + bytes(builder.end()) + plan_chunk
 
     def _register_channels(self, plan: SessionPlan) -> list[Channel]:
-        """Register the topics' schemas and channels, always in the same order; return the channels."""
+        """Register the schemas and channels of a plan's topics, always in the same order; return the channels."""
         topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
         return [self._register_channel(topic) for topic in topics if not topic.is_preview]
 
@@ -260,7 +268,12 @@ class _DrainedStream:
 
 
 def build_segment_metadata(event: SessionStarted, started_ns: int) -> dict[str, str]:
-    """Build a segment's metadata; ``started_ns`` is the wall clock at the segment's time 0."""
+    """Return the metadata of a segment.
+
+    Args:
+        event: the event that begins the segment, with its plan.
+        started_ns: the wall clock at the segment's time 0, in nanoseconds since 1970.
+    """
     plan = event.plan
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
@@ -292,7 +305,10 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _list_packages() -> bytes:
-    """Return the installed dependencies, optional ones included, as text with one ``name==version`` per line."""
+    """Return the installed packages that minihuman requires, directly or not, as text: ``name==version`` on each line.
+
+    Optional requirements are included if they are installed.
+    """
     requirements: dict[str, str] = {}  # by normalised name
     pending_names = [DISTRIBUTION]
     while pending_names:

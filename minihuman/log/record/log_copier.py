@@ -54,7 +54,12 @@ class LogCopier:
         self._chunk_bytes = 0
 
     def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
-        """Copy every record that the scan finds; with ``draw``, add previews unless the file has them."""
+        """Copy every record that a scan of a file finds.
+
+        Args:
+            scan: the scan, which has not begun.
+            draw: whether to add previews, unless the file has some.
+        """
         self._previews = None
         self._draw = draw
         for record in scan:
@@ -74,7 +79,13 @@ class LogCopier:
             self._add_previews(self._previews.finish(), self._last)
 
     def add_metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
-        """Add a metadata record; if ``sealed``, with the head of the hash chain, which covers the record."""
+        """Add a metadata record.
+
+        Args:
+            name: the name of the record.
+            facts: its contents, which are written as text.
+            sealed: whether to add the head of the hash chain, which covers the record.
+        """
         record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
         self._flush()  # so that the record comes after the messages before it
         self.chain.add_metadata(record)
@@ -91,12 +102,17 @@ class LogCopier:
             self.ends.append(record.metadata)
 
     def record_missing(self, gaps: Iterable[MissingMessages]) -> None:
-        """Record which messages were lost."""
+        """Record the ranges of messages that were lost, each in a metadata record."""
         for gap in gaps:
             self.add_metadata(names.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
 
     def record_end(self, segment: int, **facts: object) -> None:
-        """Record how a segment ended, with the head of the hash chain."""
+        """Record the end of a segment in a metadata record that has the head of the hash chain.
+
+        Args:
+            segment: the segment's number.
+            **facts: how it ended, as ``summarize_segment`` returns it, and further facts.
+        """
         self.add_metadata(names.END_METADATA, {"segment": segment} | facts, sealed=True)
 
     def summarize_segment(self) -> dict[str, object]:
@@ -198,7 +214,12 @@ class LogCopier:
             self._add_message(message, schema)
 
     def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
-        """Add previews before a message, with its times, so that no step lacks its previews."""
+        """Write previews before the message that they belong to, with its times, so that no step lacks its previews.
+
+        Args:
+            encoded: the topic and the content of each preview.
+            message: the message of the record.
+        """
         previews: list[tuple[str, Protobuf]] = []
         with suppress(Exception):  # of foreign bytes; the message itself is kept
             previews += encoded

@@ -2,7 +2,7 @@
 
 ``write`` encodes the events and passes the bytes to the operating system; from then on killing the process cannot lose
 them. ``begin`` and ``settle`` are its two halves, so that the frame can be drawn in between. fsync, which survives a
-power cut, takes 4 ms at the median and 25 ms at worst, so it runs in a thread of its own. A live file that a killed
+power cut, takes 4 ms at the median and 25 ms at worst, so it runs in a separate thread. A live file that a killed
 program left is resumed here, in the same segment and without a gap.
 """
 
@@ -74,7 +74,7 @@ def resume_segment(part: Path) -> LeftoverSegment:
 
 
 def _cut_torn_end(part: Path, fd: int) -> None:
-    """Truncate a live file after its last whole record.
+    """Truncate a live file, of which ``fd`` is a descriptor, after its last whole record.
 
     Raises:
         LogError: if the file is damaged in another way.
@@ -89,7 +89,11 @@ def _cut_torn_end(part: Path, fd: int) -> None:
 
 
 def _read_leftover(part: Path, fd: int) -> LeftoverSegment:
-    """Read a segment that was cut off, to be resumed.
+    """Read the content of a live file that was left behind, to resume its segment.
+
+    Args:
+        part: the path of the file.
+        fd: its descriptor, which the result keeps open.
 
     Raises:
         LogError: if the file holds no plan, the session has ended, or another version of minihuman wrote the file.

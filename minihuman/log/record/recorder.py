@@ -56,7 +56,7 @@ class Recorder(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> Path | None:
-        """Finish the log and return its path, None if it is in memory. A second call does nothing."""
+        """Finish the log and return its path; None if it is in memory. A second call does nothing more."""
 
 
 class MemoryRecorder(Recorder):
@@ -122,7 +122,7 @@ class WrappedRecorder(Recorder):
         return self._recorder.durable_writes
 
     def close(self) -> Path | None:
-        """Close the wrapped recorder."""
+        """Close the wrapped recorder and return the path of its log; None if it has none."""
         return self._recorder.close()
 
 
@@ -166,7 +166,7 @@ class BufferedRecorder(WrappedRecorder):
             self._recorder.begin(waiting)
 
     def close(self) -> Path | None:
-        """Write the buffered events and finish the log."""
+        """Write the buffered events, finish the log and return its path; None if there is none."""
         try:
             self.flush()
         finally:
@@ -234,7 +234,10 @@ class DeferredRecorder(WrappedRecorder):
                     self._recorder.begin(batch)
 
     def close(self) -> Path | None:
-        """Finish the log if there is one, and discard events that were kept in memory."""
+        """Finish the log and return its path.
+
+        The result is None if nothing is recorded; the kept events are then discarded.
+        """
         self._closed = True
         self._waiting = []
         return self._recorder.close()

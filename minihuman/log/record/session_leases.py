@@ -55,7 +55,10 @@ class Lease:
     _count_writes: Callable[[], int] = lambda: 0
 
     def count_acknowledgeable(self, now_s: float) -> int:
-        """Return how many of the recorder's writes may be acknowledged at a time; -1 if none may be any more."""
+        """Return how many of the recorder's writes may be acknowledged at ``now_s``, a time on the holder's clock.
+
+        It is -1 if no more may be acknowledged.
+        """
         is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
         return self.copied_writes if is_held else -1
 
@@ -71,7 +74,10 @@ class Lease:
         self._copied = {}  # copy everything again, since a torn end may have been cut off
 
     def _read_uncopied(self) -> tuple[LogPiece | None, int]:
-        """Return the piece of the log that is not copied yet, or None, and the number of durable writes."""
+        """Return the piece of the log that is not copied yet, and the number of durable writes that are then copied.
+
+        The piece is None if there is no log or everything is copied.
+        """
         writes = self._count_writes()  # counted first, so that the file contains them
         part = self._find_part()
         if part is None:
@@ -85,7 +91,12 @@ class Lease:
         return None, writes
 
     def _note_copied(self, piece: LogPiece | None, writes: int) -> None:
-        """Record that a piece of the log, and a number of writes, have been copied."""
+        """Record what has been copied.
+
+        Args:
+            piece: the piece of the log that was copied; None if nothing was left to copy.
+            writes: the number of the recorder's writes that are copied now.
+        """
         self.copied_writes = writes
         if piece is not None:
             self._copied[piece.file] = piece.start + len(piece.data)
@@ -190,7 +201,10 @@ class SessionLeases:
         return finished
 
     def _recover_resumable(self, part: Path, lease: Lease) -> FinalizedLog | None:
-        """Restore the live file of a session that could be resumed to its last holder's state, and finish it."""
+        """Restore a live file to its last holder's state and finish it; return the finished log.
+
+        The result is None if no live file is left to finish, because another server resumed the session.
+        """
         self.restore(lease, part.parent)
         if not part.exists():  # the other server's live file has been restored here
             part = next(iter(find_leftovers(part.parent)), part)
@@ -278,7 +292,7 @@ class SessionLeases:
 
 
 def _contains_copy(path: Path, copy: bytes) -> bool:
-    """Return whether a file contains everything that was copied of it; a live file may contain more."""
+    """Return whether a file begins with everything that was copied of it; a finished log must be equal to its copy."""
     if not path.exists():
         return False
     content = path.read_bytes()
@@ -288,5 +302,5 @@ def _contains_copy(path: Path, copy: bytes) -> bool:
 
 
 def name_session(study: str, participant: str, session: int) -> str:
-    """Return the name of a session in the database."""
+    """Return the name of a session in the database, such as "study/sub-07/ses-01"."""
     return f"{study}/{participant}/ses-{session:02d}"

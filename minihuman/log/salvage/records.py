@@ -70,6 +70,10 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
     The index records that follow a chunk save walking from one message to the next. If there are none, or they do not
     match, the records are walked.
 
+    Args:
+        data: the uncompressed bytes.
+        index: the contents of the index records; empty if there are none.
+
     Raises:
         ValueError: if the bytes are not records.
     """
@@ -132,7 +136,7 @@ class ChunkMessages:
         return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
-        """Yield the positions of the chunk's messages, topic by topic, for those of the given topics that occur."""
+        """Yield the positions of the chunk's messages on each topic in ``among`` that occurs in the chunk."""
         numbers = self._heads["channel"].copy()  # contiguous, since it is scanned for each topic
         for number, channel in self._channels.items():
             if channel.topic in among:
@@ -141,7 +145,7 @@ class ChunkMessages:
 
 
 def _view_at_each_byte(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """View the data as an array with one value per position, so that many positions can be read at once."""
+    """Return an array with the value at each position of the data, so that many positions can be read at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
@@ -152,10 +156,14 @@ def _read_index(index: Sequence[bytes]) -> ByteOffsets:
 
 
 def _find_starts(data: bytes, indexed_starts: ByteOffsets) -> ByteOffsets:
-    """Return where each record begins, given where those begin that are in the index.
+    """Return where each record begins, in ascending order.
+
+    Args:
+        data: the bytes of a chunk.
+        indexed_starts: where those records begin that are in the index, in ascending order.
 
     Raises:
-        ValueError: if the bytes between these are not records.
+        ValueError: if the bytes between these records are not records.
         IndexError: if the index points outside the data.
     """
     lengths = _view_at_each_byte(data, np.dtype("<u8"))[indexed_starts + 1].astype(np.int64)  # after the opcode
@@ -218,7 +226,7 @@ def parse_chunk(content: bytes) -> bytes:
 
 
 def parse_chunk_times(content: bytes) -> tuple[int, int]:
-    """Return the first and the last log time that a chunk states."""
+    """Return the first and the last log time that a chunk states, in nanoseconds since 1970, given its content."""
     first, last = _TIMES.unpack_from(content)
     return first, last
 
@@ -255,7 +263,10 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """Return the position of the next intact record at or after a byte; None if no early candidate is intact."""
+    """Return the position of the next intact record of a file, at or after position ``begin``.
+
+    None if there is none, or if ``MAX_CANDIDATES`` places that look like the start of a record are not intact records.
+    """
     n_tried = 0
     while (candidate := _RECORD_START.search(view, begin)) is not None and n_tried < MAX_CANDIDATES:
         begin = candidate.start()

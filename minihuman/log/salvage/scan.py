@@ -166,6 +166,10 @@ class LogScanner:
         """Record damage at the present position, and return the position of the next intact record.
 
         If there is none, record why the scan stops, and return the position of the file's end.
+
+        Args:
+            file: the file, which is moved to the next intact record.
+            reason: why the record at the present position could not be read.
         """
         begin = self.position
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
@@ -251,7 +255,16 @@ class LogScanner:
         return opcode, content
 
     def _parse(self, opcode: int, content: bytes, file: BinaryIO, size: int) -> Sequence[FileRecord]:
-        """Parse a record and, for a chunk, the index that follows it; return the records that readers use, if any.
+        """Parse a record and, for a chunk, the index that follows it.
+
+        Args:
+            opcode: the kind of the record.
+            content: its content.
+            file: the file, positioned after the record.
+            size: the size of the file in bytes.
+
+        Returns:
+            A list with the parsed record; an empty list for a kind of record that readers do not use.
 
         Raises:
             ValueError: if the record is not intact.
@@ -277,7 +290,7 @@ class LogScanner:
         return []
 
     def _follow_segments(self, metadata: Metadata) -> None:
-        """Note from metadata that a segment begins, which messages its end lacks, or which are declared missing."""
+        """Note what metadata state: that a segment begins, which messages its end lacks, or which are missing."""
         facts = metadata.metadata
         if metadata.name == SEGMENT_METADATA:
             self._segment = _parse_number(facts.get("segment", ""))
@@ -317,7 +330,12 @@ class LogScanner:
             self.finished = not self.gaps
 
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
-        """Return the contents of the index records that follow a chunk, and move the file behind them."""
+        """Return the contents of the index records that follow a chunk, and move the file to the record after them.
+
+        Args:
+            file: the file, positioned after the chunk.
+            size: the size of the file in bytes.
+        """
         index_records: list[bytes] = []
         position = self._record_end
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
@@ -329,7 +347,7 @@ class LogScanner:
             try:
                 check_record_size(opcode, content)
             except (ValueError, struct.error):
-                break  # read again as a record of its own, and refused there
+                break  # read again as a separate record, and refused there
             index_records.append(content)
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
             position = end
@@ -404,7 +422,12 @@ class LogScanner:
         ]
 
     def _declare_record(self, opcode: int, content: bytes) -> None:
-        """Add the schema or the channel that a chunk's record declares."""
+        """Add the schema or the channel that a record declares; ignore a record of another kind.
+
+        Args:
+            opcode: the kind of the record.
+            content: its content.
+        """
         if opcode == Opcode.CHANNEL:
             channel = _parse_channel(content)
             self.channels[channel.id] = channel

@@ -51,7 +51,7 @@ class LogSummary:
 
 
 def all_ended_cleanly(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
-    """Return whether every segment that started also ended normally."""
+    """Return whether every segment that started also ended normally, from the metadata of starts and ends."""
     return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
 
 
@@ -72,7 +72,11 @@ def read_first_metadata(path: Path) -> dict[str, str]:
 
 
 def read_summary(path: Path) -> LogSummary | None:
-    """Return a finished log's summary; None if it has none or its checksum is wrong."""
+    """Return a finished log's summary.
+
+    None if the file cannot be read or has no summary, or if the summary's checksum or a record that it points to is
+    wrong.
+    """
     try:
         with open_regular_file(path) as file:
             fd = file.fileno()
@@ -90,7 +94,12 @@ def read_summary(path: Path) -> LogSummary | None:
 
 
 def _find_summary_begin(data: bytes, size: int) -> int | None:
-    """Return the byte at which a file's summary begins, given its last bytes; None if it does not end in a footer."""
+    """Return the byte at which a file's summary begins; None if the file does not end in a footer.
+
+    Args:
+        data: the file's last bytes.
+        size: the size of the file in bytes.
+    """
     footer = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
     if not data.endswith(MAGIC) or footer < 0 or _HEAD.unpack_from(data, footer) != (Opcode.FOOTER, _FOOTER.size):
         return None
@@ -137,7 +146,13 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
 
 
 def _read_indexed_metadata(fd: int, index: bytes, name: str) -> dict[str, str] | None:
-    """Read the metadata to which an index record points; None if another record is there."""
+    """Return the facts of the metadata record to which an index record points; None if another record is there.
+
+    Args:
+        fd: the file's descriptor.
+        index: the content of the index record.
+        name: the name of the metadata that the index states.
+    """
     offset, length = _PLACE.unpack_from(index)
     record = read_at(fd, length, offset)
     if _HEAD.unpack_from(record) != (Opcode.METADATA, length - _HEAD.size):
@@ -161,14 +176,20 @@ def _parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 
 def _read_text(content: bytes, position: int) -> tuple[str, int]:
-    """Return the text at a position, and the position after it."""
+    """Return the text whose length is stated at a position, and the position after the text."""
     begin = position + _LENGTH_BYTES
     end = begin + _unpack_length(content, position)[0]
     return content[begin:end].decode(), end
 
 
 def _list_records(data: bytes, position: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
-    """Yield the kind and content of every whole record of the given kinds, starting at a byte."""
+    """Yield the kind and the content of every whole record of the given kinds.
+
+    Args:
+        data: bytes of a file.
+        position: the position in ``data`` at which a record begins.
+        among: the kinds of records to yield.
+    """
     size = len(data)
     while position + _HEAD.size <= size:
         kind, length = _HEAD.unpack_from(data, position)
