@@ -461,24 +461,24 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
     return first.outcome_rules
 
 
-def _require_same_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
+def _require_same_list(slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
     """Require that the protocol's allocation list begins with the list from which an earlier slot was taken.
 
     Args:
-        first_slot: the slot to compare with, which names its list by digest and length; None if no slot was taken.
+        slot: the slot to compare with, which names its list by digest and length; None if no slot was taken.
         study_dir: the study's folder, for the error.
         protocol: the study's protocol.
 
     Raises:
         AllocationError: if the study began with another list.
     """
-    if first_slot is None:
+    if slot is None:
         return
-    study = msgspec.structs.replace(protocol.study, participants=first_slot.list_length)
+    study = msgspec.structs.replace(protocol.study, participants=slot.list_length)
     digest = allocation_sha256(build_allocation_list(msgspec.structs.replace(protocol, study=study)))
-    if digest != first_slot.allocation_sha256:
+    if digest != slot.allocation_sha256:
         raise AllocationError(
-            f"{study_dir}: the study began with allocation list {first_slot.allocation_sha256[:12]}, but this protocol "
+            f"{study_dir}: the study began with allocation list {slot.allocation_sha256[:12]}, but this protocol "
             f"makes {digest[:12]}; restore its seed, groups, keys and actions, rename "
             f"{protocol.study.name!r}, or use another data folder"
         )
