@@ -17,7 +17,7 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction, inside the grid or not. ``direction ^ 2`` is the opposite direction."""
+    """Return the column and row of the next cell in a direction, in the grid or not; ``direction ^ 2`` is opposite."""
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 
@@ -80,20 +80,20 @@ def in_colour(code: int, colour: int) -> int:
 
 @inline
 def look_of(code: int) -> int:
-    """Return the kind and state in a code, without colour and identity: ``kind | state << 4``."""
+    """Return the kind and state in a cell's code, without colour and identity: ``kind | state << 4``."""
     return code & 15 | code >> 3 & 48
 
 
 @inline
 def lets_pass(code: int) -> bool:
-    """Return whether the agent can stand in a cell with this code."""
+    """Return whether the agent can stand in a cell with this code, if its kind is one of KINDS."""
     kind = kind_of(code)
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state_of(code) == OPEN)
 
 
 @inline
 def can_be_carried(code: int) -> bool:
-    """Return whether the agent can pick up an object with this code."""
+    """Return whether the agent can pick up an object with this code, if its kind is one of KINDS."""
     kind = kind_of(code)
     return kind == KEY or kind == BALL or kind == BOX
 

@@ -36,7 +36,7 @@ SOUP_TAKEN = 5.0
 
 
 def kitchen_row_length(width: int, height: int, cooks: int) -> int:
-    """Return the length of the row of state of a kitchen."""
+    """Return the length of the row of state of a kitchen of ``width`` by ``height`` cells."""
     return COOK + 4 * cooks + 2 * width * height
 
 
@@ -87,19 +87,19 @@ def recipe_of(thing: int) -> int:
 
 @device_function()
 def is_ready(row: Row, thing: int) -> bool:
-    """Return whether a soup has finished cooking."""
+    """Return whether a soup has finished cooking; ``thing`` is the number that encodes it."""
     return clock_of(thing) >= row[TIMES + recipe_of(thing)]
 
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction (up, down, right or left)."""
+    """Return the column and row of the next cell in a direction: UP, DOWN, RIGHT or LEFT."""
     return x + (direction == RIGHT) - (direction == LEFT), y + (direction == DOWN) - (direction == UP)
 
 
 @device_function()
 def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
-    """Return the cell in which a cook stands after its action if no other cook blocks it."""
+    """Return the column and row in which a cook stands after its action if no other cook blocks it."""
     at = COOK + 4 * cook
     x = row[at]
     y = row[at + 1]
@@ -112,7 +112,7 @@ def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
 
 @device_function()
 def use_pot(row: Row, at: int, thing_at: int) -> float:
-    """Apply a cook's interaction with a pot; return the shaping reward.
+    """Apply a cook's interaction with a pot; return the shaping reward that it earns, or 0.
 
     Args:
         row: the state.
@@ -166,7 +166,8 @@ def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64
         row: the state.
         cook: the number of the cook.
         active_pots: the number of active pots at the start of the step.
-        outcomes: receives what is earned, added to the reward of the cook's deliveries and to its shaping reward.
+        outcomes: float64[2 * cooks]; what is earned is added to the reward of the cook's deliveries (index ``cook``)
+            and to its shaping reward (index ``cooks + cook``).
     """
     cooks = row[COOKS]
     at = COOK + 4 * cook
@@ -246,7 +247,7 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
     Args:
         row: the state.
         actions: one action per cook.
-        outcomes: receives the reward of each cook's deliveries, then each cook's shaping reward.
+        outcomes: float64[2 * cooks]; receives the reward of each cook's deliveries, then each cook's shaping reward.
         images: receives each cook's observation, as `observe` writes it.
 
     Returns:
@@ -279,9 +280,15 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
 
 @device_function()
 def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], at: int) -> None:
-    """Write an object into the layers of its cell.
+    """Write an object into the layers of its cell in an observation.
 
-    The layers begin at the index ``at``: onions and tomatoes in waiting pots, then the layers that follow in `observe`.
+    Args:
+        row: the state.
+        thing: the number of the object.
+        in_pot: whether the object is in a pot.
+        image: the observation, uint8[width * height * layers].
+        at: the index of the cell's first layer about objects: onions in waiting pots. The others follow in the order of
+            `observe`.
     """
     kind = kind_of(thing)
     if kind == SOUP:
@@ -303,7 +310,7 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
 
 @device_function()
 def layer_of_cook(cook: int, viewer: int) -> int:
-    """Return the layer that shows where a cook is in a viewer's observation. The viewer's own layer is the first."""
+    """Return the index of the layer that shows where ``cook`` is in the observation of ``viewer``, itself first."""
     return 0 if cook == viewer else cook + (cook < viewer)
 
 
@@ -368,7 +375,7 @@ def step_kitchens(
         rows: the states, one row per kitchen.
         start: the state at the beginning of an episode.
         actions: one action per kitchen and cook.
-        outcomes: receives the rewards of each kitchen.
+        outcomes: receives the rewards of each kitchen, float64[kitchens, 2 * cooks], as in `step_kitchen`.
         images: receives the observations of each kitchen.
         ends: receives whether each kitchen's episode ended.
 

@@ -49,7 +49,7 @@ def success_reward(row: Row) -> float:
 
 @kernel("UniTuple(int64, 2)(int32[::1])", "UniTuple(int64, 2)(int16[::1])", only=True)
 def cell_in_front(row: Row) -> tuple[int, int]:
-    """Return the cell in front of the agent."""
+    """Return the column and row of the cell in front of the agent; it may lie outside the grid."""
     return ahead(row[X], row[Y], row[DIRECTION])
 
 
@@ -74,7 +74,10 @@ def _is_target_look(row: Row, code: int) -> bool:
 
 @device_function()
 def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, where the task is to say "done" beside a cell."""
+    """Return the reward and whether the episode ends, where the task is to say "done" next to a cell.
+
+    ``reward`` and ``ended`` are what goals and lava imply, as in `reward_and_done`.
+    """
     if action == DONE:
         distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
         return success_reward(row) if distance == 1 else reward, True
@@ -85,7 +88,10 @@ def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[
 
 @device_function()
 def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, if the task is to go to the one of two objects that matches."""
+    """Return the reward and whether the episode ends, if the task is to go to the one of two objects that matches.
+
+    ``reward`` and ``ended`` are what goals and lava imply, as in `reward_and_done`.
+    """
     if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
         return success_reward(row), True
     if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
@@ -95,7 +101,10 @@ def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
 
 @device_function()
 def _judge_put_near(row: Row, action: int, held_before: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, where the task is to put one object near another."""
+    """Return the reward and whether the episode ends, where the task is to put one object near another.
+
+    The parameters are as in `reward_and_done`.
+    """
     carried = row[CARRYING]
     if action == PICKUP and carried != EMPTY:
         return reward, ended or not _is_target_look(row, carried)
@@ -144,7 +153,7 @@ def reward_and_done(
 
 @inline
 def faces_obstacle(row: Row) -> bool:
-    """Return whether the cell in front of the agent has something other than a goal, or lies outside the grid."""
+    """Return whether the cell in front of the agent is neither empty nor a goal, or lies outside the grid."""
     x, y = cell_in_front(row)
     kind = kind_of(cell_at(row, x, y))
     return kind != EMPTY and kind != GOAL
@@ -152,7 +161,10 @@ def faces_obstacle(row: Row) -> bool:
 
 @device_function()
 def move_obstacles(row: Row, rng_state: RngState) -> None:
-    """Move each obstacle to a free cell of the 3x3 around it. It stays in place after 101 draws without a free cell."""
+    """Move each obstacle to a random free cell of the 3 x 3 around it; after 101 draws without one, it stays.
+
+    The obstacles are the objects with the identities 1 to ``row[TARGET]``.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
     for identity in range(1, row[TARGET] + 1):

@@ -47,15 +47,15 @@ class OwnField:
         self.write(own_numbers(world), content)
 
     def read(self, numbers: OwnNumbers) -> Any:
-        """Return the field's content as a Python number, a tuple or an array."""
+        """Return the field's content in a world's vector, as a Python number, a tuple or an array."""
         raise NotImplementedError
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Write a new content into the field's part of the vector."""
+        """Write a new content into the field's part of a world's vector."""
         raise NotImplementedError
 
     def places(self, numbers: OwnNumbers) -> NDArray[Any]:
-        """Return the field's part of the vector as a view with the field's dtype."""
+        """Return the field's part of a world's vector as a view with the field's dtype."""
         return numbers[self.offset : self.offset + self.size].view(self.dtype)
 
 
@@ -142,7 +142,7 @@ class _Array(OwnField):
         return self.places(numbers).reshape(self.shape)
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set all elements."""
+        """Set all elements to those of an array of the same shape, or to one number."""
         self.read(numbers)[...] = content
 
 

@@ -144,7 +144,7 @@ class FunctionSource:
 
 
 def read_function(function: FunctionType) -> FunctionSource:
-    """Return the syntax tree of an author's function.
+    """Return the source of an author's function as a syntax tree.
 
     Raises:
         TranslationError: if there is no source, or it is no plain function.

@@ -80,21 +80,21 @@ def offset(row: Row, direction: int) -> int:
 
 @inline
 def is_walkable(tile: int) -> bool:
-    """Return whether the agent can stand on a tile."""
+    """Return whether the agent can stand on a tile: floor, a goal tile or an open door."""
     kind = tile & 15
     return kind == FLOOR or kind == GOAL_TILE or kind == DOOR_OPEN
 
 
 @inline
 def is_pickable(tile: int) -> bool:
-    """Return whether the agent can pick up a tile."""
+    """Return whether the agent can pick up a tile: a ball, square, pyramid, key, hex or star of any colour."""
     kind = tile & 15
     return (BALL <= kind <= PYRAMID) or kind == KEY or kind == HEX or kind == STAR
 
 
 @inline
 def go_forward(row: Row) -> None:
-    """Move the agent one tile in its direction, whatever is there."""
+    """Move the agent one tile in its direction without a check of that tile."""
     if row[DIRECTION] % 2 == 0:
         row[Y] += row[DIRECTION] - 1
     else:
@@ -118,7 +118,7 @@ def use_hand(row: Row, action: int, front: int) -> None:
             row[front] = row[POCKET]
             row[POCKET] = EMPTY
     elif kind == DOOR_OPEN:
-        row[front] = DOOR_CLOSED | tile >> 4 << 4
+        row[front] = DOOR_CLOSED | tile >> 4 << 4  # in the same colour
     elif kind == DOOR_CLOSED or (kind == DOOR_LOCKED and row[POCKET] == (KEY | tile >> 4 << 4)):
         row[front] = DOOR_OPEN | tile >> 4 << 4
 
@@ -169,8 +169,8 @@ def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int,
     Args:
         row: the state.
         place: the index in the row of the tile that was put down.
-        first: the first direction in which tile b may lie from tile a.
-        last: the last such direction.
+        first: the first of the directions (UP to LEFT) in which tile b may lie from tile a.
+        last: the last of these directions.
         a: the first input.
         b: the second input.
         product: what replaces the tile beside ``place``, which itself becomes floor.
@@ -228,7 +228,7 @@ def apply_rules(row: Row, action: int, place: int) -> int:
 
 @device_function()
 def is_beside(row: Row, place: int, direction: int, tile: int) -> bool:
-    """Return whether a tile lies beside an index in the row: in one direction, or in any direction for -1."""
+    """Return whether a tile lies next to the index ``place`` in the row: in one direction, or in any for -1."""
     if direction >= 0:
         return row[place + offset(row, direction)] == tile
     above = row[place - row[WIDTH]] == tile
@@ -295,7 +295,7 @@ def step_row(row: Row, action: int) -> int:
 
 @device_function()
 def view_row(row: Row, image: NDArray[np.uint8]) -> None:
-    """Write the agent's view into an image, as `see_tiles` does."""
+    """Write the agent's view into an image, uint8[size, size, 2], as `see_tiles` does."""
     size = image.shape[0]
     half = size // 2
     direction = row[DIRECTION]
