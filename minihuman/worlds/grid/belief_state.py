@@ -227,7 +227,7 @@ def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
     """
     width = row[WIDTH]
     height = row[HEIGHT]
-    for line in range(2 * (width + height)):  # each column and each row, in both directions
+    for line in range(2 * (width + height)):  # columns, then rows: twice each one's number, plus 1 to go backwards
         upright = line < 2 * width
         number = (line if upright else line - 2 * width) // 2
         length = height if upright else width

@@ -43,7 +43,7 @@ _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a family by name, including the defaults of those that were not given.
+    """Return the options of a family by their names, including the defaults of those that were not given.
 
     An obstacle type becomes Minigrid's class of that name, if Minigrid is imported.
 
@@ -122,7 +122,9 @@ class GridEnv(GridEngine):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode; in worlds with instructions, ``options={"mission": ...}`` sets the mission.
+        """Lay out a new episode and return the observation and an empty info.
+
+        In worlds with instructions, ``options={"mission": ...}`` sets the mission.
 
         Layouts are drawn until one fits the mission: it has all objects that the mission names, as many as its articles
         imply.
@@ -184,13 +186,13 @@ class GridEnvOnScreen(GridEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode and show it in the window."""
+        """Lay out a new episode and show it in the window; return what `GridEnv.reset` returns."""
         observation, info = super().reset(seed=seed, options=options)
         self.render()
         return observation, info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Take an action and show the new state in the window."""
+        """Take an action and show the new state in the window; return what `GridEngine.step` returns."""
         step_outcome = super().step(action)
         self.render()
         return step_outcome
@@ -290,7 +292,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
         return self.observation(), reward, terminated, truncated, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without computing the observation; return the reward, terminated and truncated."""
+        """Take an action without computing the observation; return the reward, terminated and truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
             number = self._number_of(action)

@@ -128,12 +128,12 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
     sources = _pose_numbers(state, poses)
     if len(sources) == 0:
         return None
-    bound = distances(row, sources, True)
+    bound = distances(row, sources, True)  # through doors and objects
     pose = (*state.position, state.direction)
     if bound[pose] >= FAR:
         return None
     if row[fields.TASK] == rewards.REACH:
-        walking = distances(row, sources, False)
+        walking = distances(row, sources, False)  # doors and objects block
         if walking[pose] == bound[pose]:
             return descend(walking, *pose)
     return _search_within(row, bound, extra, limit)
@@ -254,7 +254,7 @@ def _most_states(state: State) -> int:
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
     """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached."""
-    steps = distances(state.row, _pose_numbers(state, poses), False)
+    steps = distances(state.row, _pose_numbers(state, poses), False)  # doors and objects block
     pose = (*state.position, state.direction)
     if steps[pose] >= FAR:
         return None
@@ -268,7 +268,7 @@ def _lower_bounds(state: State) -> tuple[NDArray[np.int32], int]:
     no way), and the minimum number of actions after it.
     """
     poses, extra = _target_poses(state)
-    return distances(state.row, _pose_numbers(state, poses), True), extra
+    return distances(state.row, _pose_numbers(state, poses), True), extra  # through doors and objects
 
 
 def _target_poses(state: State) -> tuple[NDArray[np.int64], int]:

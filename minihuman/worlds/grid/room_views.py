@@ -11,7 +11,7 @@ from minihuman.worlds.upstream_names import WorldAttributeError
 
 @dataclass(frozen=True, slots=True)
 class RoomView:
-    """A room of a grid of equal rooms."""
+    """A room of a grid of equal rooms, with its top left cell, its size in cells (walls included) and its doors."""
 
     top: Place  # its top left cell
     size: Place

@@ -214,7 +214,7 @@ def distance_heuristic(
             for move in range(5 + hands + len(locks)):
                 before = -1
                 added = 1
-                if move < 2:  # the action before was a turn
+                if move < 2:  # the action before was a turn, from the direction one further or three further
                     before = base + cell * 4 + ((direction + 1 + 2 * move) & 3)
                 elif move == 2:  # a step forward
                     enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)

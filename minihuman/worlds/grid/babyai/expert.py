@@ -117,7 +117,7 @@ def _path_cells(row: Row, clause: int) -> list[int] | None:
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
-    table = distance_heuristic(row, clause, codes, locks, sorts, True)
+    table = distance_heuristic(row, clause, codes, locks, sorts, True)  # what is in the way costs something
     state = State(row)
 
     def distance(node: _Node) -> int:
@@ -181,7 +181,7 @@ def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
     codes = codes_of(trial)
     locks = find_locks(trial)
     sorts = sort_things(trial, 0, codes, locks)
-    table = distance_heuristic(trial, 0, codes, locks, sorts, True)
+    table = distance_heuristic(trial, 0, codes, locks, sorts, True)  # what is in the way costs something
     outcome, actions = search_clause(trial, 0, table, locks, sorts, 2, LIMIT)
     if outcome == FOUND:
         return [int(action) for action in actions]
@@ -198,7 +198,7 @@ def put_down(row: Row, way: list[int]) -> list[int] | None:
         return []
     for barred in (_barred_cells(row, way, doors=True), _barred_cells(row, way, doors=False)):
         poses = _poses_facing_free_cells(row, barred)
-        steps = distances(row, poses, False)
+        steps = distances(row, poses, False)  # doors and objects block
         state = State(row)
         pose = (*state.position, state.direction)
         if steps[pose] < FAR:
@@ -358,7 +358,7 @@ def _plan_clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, i
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
-    table = distance_heuristic(row, clause, codes, locks, sorts, False)
+    table = distance_heuristic(row, clause, codes, locks, sorts, False)  # a lower bound
     at_least = int(heuristic_value_of(row, table, locks, sorts))
     if at_least >= FAR and row[CARRYING] != EMPTY:
         return _plan_after_dropping(row, clause)

@@ -345,6 +345,7 @@ def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
         cell = HEADER + row[at] * row[HEIGHT] + row[at + 1]
         facing = (row[at + 2] - row[DIRECTION] + 3) % 4
         row[at + SCRATCH] = row[cell]
+        # the code of an agent; after the exchange, body 0 is in the place of the viewer
         row[cell] = AGENT | BODY_COLOURS[0 if k == body else k] << 4 | facing << 7
     see(row, image)
     for k in range(bodies - 1, 0, -1):

@@ -159,6 +159,7 @@ def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
 
     ``estimate`` is the estimated length of the plan from that state, already multiplied by the search's weight.
     """
+    # far more estimates than plans reach; `push` notes an estimate that has no bucket
     n_buckets = (1 << 14) + 16 * (estimate + row[OBJECTS] * (row[WIDTH] + row[HEIGHT]))
     frontier = Frontier(
         np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32),

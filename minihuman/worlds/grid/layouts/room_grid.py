@@ -196,7 +196,7 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
         for wall in range(4):
             if plan[room, WAY + wall]:
                 other = behind(room, wall, columns)
-                plan[count % len(plan), QUEUE] = other
+                plan[count % len(plan), QUEUE] = other  # it counts only if `count` grows
                 count += plan[other, SEEN] == 0
                 plan[other, SEEN] = 1
     return count

@@ -235,7 +235,7 @@ def draw_other_colour(rng_state: RngState, colour: int) -> int:
 
 @device_function()
 def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
-    """Draw rooms of up to ``largest`` cells a side, each next to the one before, until there are ``count`` or none fits.
+    """Draw rooms of up to ``largest`` cells a side, each next to the one before, until ``count`` exist or none fits.
 
     The first begins at (door_x, door_y). Return each room's x, y, width, height and entry door (x, y), int64[rooms, 6].
     """

@@ -198,6 +198,8 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
         end = integer(rng_state, 4, width - 2)
     else:
         end = width - 3
+    # the start room, three rows high, with its exit in the middle row; the corridor; the wall with its opening, and the
+    # wall at the end, between which the two objects lie
     wall_across(row, 1, middle - 2, 4, GREY_WALL)
     wall_across(row, 1, middle + 2, 4, GREY_WALL)
     put(row, 4, middle - 1, GREY_WALL)

@@ -86,6 +86,7 @@ def find(c, place, identity):
 @njit
 def body_start(c, bodies, body):
     """Return the index in the row of a body's column; its row, direction and carried object follow."""
+    # the first body is in the header; the others have blocks at the end of the row
     return np.int64(2) if body == 0 else row(c).shape[0] - BLOCK * (bodies - body)
 
 

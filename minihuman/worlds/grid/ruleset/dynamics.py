@@ -181,7 +181,7 @@ def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int,
     tile = row[place]
     if tile != a and tile != b:
         return 0
-    matches = 0
+    matches = 0  # bit `direction`: the tile there and the one at `place` are a and b, in an allowed direction
     for direction in range(4):
         near = row[place + offset(row, direction)]
         ahead = first <= direction <= last and tile == a and near == b

@@ -152,9 +152,8 @@ class _Search:
     def _expand(self, row: Row, *, is_narrow: bool) -> Iterable[tuple[Row, int, int]]:
         """Yield each state to which one change leads, the number of actions to it, and the last pose and action.
 
-        The last two are one number, ``pose * _MOVE_BASE + action``.
-
-        The state is a view that the next expansion overwrites. ``is_narrow`` is as in `run`.
+        The last two are one number, ``pose * _MOVE_BASE + action``. The state is a view that the next expansion
+        overwrites. ``is_narrow`` is as in `run`.
         """
         space = self._space
         before = row[-self._n_cells :]
