@@ -180,8 +180,8 @@ def prospects(
 ) -> NDArray[np.float64]:
     """Return the value of the cells that each reachable pose would show for the first time, float64[width, height, 4].
 
-    Unknown cells hide nothing, and a closed door ahead is opened first. After ``straight`` cells of wall in a line, the
-    wall is expected to continue (0: never). A cell is worth ``floor``, or ``wall`` if a wall is expected there.
+    Unknown cells hide nothing, and a closed door ahead is opened first. ``steps`` is of `walk`, ``image`` is scratch
+    space, and ``straight`` is as in `FrontierWeights`. A cell is worth ``floor``, or ``wall`` if a wall is expected.
     """
     world = believe(row, explored, EMPTY)
     if straight > 0:

@@ -205,7 +205,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     """A grid world laid out in plain Python. Actions and the agent's view are compiled.
 
     A subclass writes `layout`, and also `reward_and_done` unless its task is a goal, lava or one of `rewards`. What
-    changes in an episode beside the grid is declared: ``coins = Int()``. Then `layout` and `reward_and_done` can be
+    else changes in an episode is declared: ``coins = Int()``. Then `layout` and `reward_and_done` can be
     translated and compiled, too (`minihuman.worlds.grid.own`).
     """
 

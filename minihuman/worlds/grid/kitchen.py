@@ -46,9 +46,9 @@ class KitchenLayout:
         orders: the recipes that earn a reward; if there are none, every recipe does.
         bonus: the recipes that earn twice as much.
         values: the reward of each order, in the sequence of ``orders``; empty for 20 each.
-        times: the cooking time of each order in steps, in the sequence of ``orders``; other recipes cook 20 steps.
+        times: the cooking time of each order in steps, in the sequence of ``orders``; empty for 20 each.
         per_ingredient: the reward of an onion and of a tomato, and the cooking time of an onion and of a tomato; used
-            in place of ``values`` and ``times``.
+            for what ``values`` and ``times`` do not say, instead of 20, unless it is 0.
     """
 
     plan: str

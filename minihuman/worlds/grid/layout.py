@@ -184,7 +184,7 @@ class Layout:
         return self.put(item, x, y)
 
     def put_agent(self, x: int, y: int, direction: int = 0, *, body: int = 0) -> None:
-        """Put the agent, or one body of a team, into the cell (x, y), facing right (0), down (1), left (2) or up (3)."""
+        """Put the agent, or a body of a team, into the cell (x, y), facing right (0), down (1), left (2) or up (3)."""
         self._check_inside(x, y)
         self._stand(body, x, y, direction)
 

@@ -383,12 +383,12 @@ class GridView:
         put(self.views.state.row, i, j, self.code_for(v))
 
     def horz_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Put a row of walls, or of another class of objects, from a cell to the right; by default, to the edge."""
+        """Put a row of walls, or of another class of objects, from (x, y) to the right; by default, to the edge."""
         for i in range(self.width - x if length is None else length):
             self._put_new(x + i, y, obj_type)
 
     def vert_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Put a column of walls, or of another class of objects, from a cell down; by default, to the edge."""
+        """Put a column of walls, or of another class of objects, from (x, y) down; by default, to the edge."""
         for j in range(self.height - y if length is None else length):
             self._put_new(x, y + j, obj_type)
 

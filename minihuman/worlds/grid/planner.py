@@ -305,7 +305,7 @@ def _target_poses(state: State) -> tuple[NDArray[np.int64], int]:
 
 
 def _pose_numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers, as `distances` takes them, of those poses (n, 3) that lie in the grid."""
+    """Return the numbers of those of the poses, int64[n, 3], that lie in the grid, as `distances` takes them."""
     x, y, direction = poses.T
     is_inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
     numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction

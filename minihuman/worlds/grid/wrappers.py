@@ -348,7 +348,7 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         self._next = first % len(self.seeds)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode with the next seed.
+        """Begin an episode with the next seed; return its first observation and info.
 
         Raises:
             WorldError: if another seed is given.
@@ -387,7 +387,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
             raise WorldError(f"cost is {cost!r}; it must be 0 or less")
 
     def step(self, action: int) -> Step:
-        """Take an action as Gymnasium defines it, but undo, at a cost, that the agent walked into one of the kinds."""
+        """Take an action as Gymnasium defines it; a step into one of the given kinds is undone at a cost."""
         row = self.grid.state.row
         x, y = cell_in_front(row)
         is_inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height

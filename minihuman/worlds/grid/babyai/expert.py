@@ -103,7 +103,7 @@ class _Node(NamedTuple):
 
     @property
     def cell_ahead(self) -> tuple[int, int]:
-        """The column and row of the cell ahead."""
+        """Return the column and row of the cell ahead."""
         columns, rows = STEPS[self.direction]
         return self.x + columns, self.y + rows
 

@@ -142,7 +142,7 @@ class Explorer:
         return plans
 
     def _plan_fetching(self, belief: Row) -> list[list[int]]:
-        """Return a plan for picking up each known object that is to be put next to another and is not carried yet."""
+        """Return plans for picking up known objects that clauses want put next to others, if none is carried yet."""
         plans = []
         for clause in active(belief):
             if block(belief)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
@@ -264,7 +264,7 @@ def active(row: Row) -> tuple[int, ...]:
 
 
 def _state_after(row: Row, action: int) -> Row:
-    """Return a copy of the state in which an action was taken."""
+    """Return a copy of a state after an action that was taken in it."""
     row_after = row.copy()
     try_action(row_after, action)
     return row_after

@@ -148,7 +148,10 @@ class LevelBuilder:
         different: bool = False,
         but_not_in: RandomVariable | None = None,
     ) -> ObjectGroup:
-        """Put ``count`` keys, balls and boxes, perhaps all ``different``, into a room that is not ``but_not_in``."""
+        """Put ``count`` random keys, balls and boxes into a room, or each into a random room; return their group.
+
+        With ``different``, no two objects of the layout are alike. A room that is ``but_not_in`` gets none.
+        """
         if different and count > 3 * len(COLOURS):
             raise WorldError(
                 f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
@@ -178,10 +181,7 @@ class LevelBuilder:
         self._record(level_program.OPEN_DOORS, registers=0)
 
     def require_reachable(self, reachable: bool = True) -> None:
-        """Reject the layout unless every object can be reached without moving any, if all doors were open.
-
-        If ``reachable`` is False, reject it unless some object cannot be reached.
-        """
+        """Reject the layout unless all objects are (if ``reachable`` is False: not all are) in reach through doors."""
         self._record(level_program.IN_REACH, int(not reachable), registers=0)
 
     def require_no(self, group: ObjectGroup, kind: str, colour: str) -> None:

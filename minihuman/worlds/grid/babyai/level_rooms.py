@@ -401,7 +401,7 @@ def describe(
     columns: int,
     size: int,
 ) -> None:
-    """Write a drawn description of one of the first ``kinds`` `_KINDS`, or of a door if 0, to the row at ``at``."""
+    """Write to the row at ``at`` a random description of one of the first ``kinds`` of `_KINDS`, or a door if 0."""
     for _ in range(DESCRIBE_TRIES):
         colour_number = integer(rng_state, 0, 7)
         if colour_number == 0:

@@ -81,7 +81,7 @@ class GoToObjGrid(GridWorld):
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the turns and steps after which the agent faces the target; () if there are none."""
+        """Return the turns and steps after which the agent faces the target, a step if it does already; () for none."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return [FORWARD]  # the object blocks the step, which is judged nevertheless
         return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()

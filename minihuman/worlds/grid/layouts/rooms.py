@@ -148,7 +148,7 @@ def put_inside(
         right_wall: the column of the corridor's right wall.
         room_width: the number of columns of a room, including its walls.
         room_height: the number of rows of a room, including its walls.
-        code: the code.
+        code: the code of the object or the goal.
     """
     left = 0 if room % 2 == 0 else right_wall
     top = room // 2 * (row[HEIGHT] // 3)
@@ -285,7 +285,7 @@ def draw_other_wall(rng_state: RngState, wall: int) -> int:
 
 @device_function()
 def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
-    """Draw a cell of a room's wall that is not a corner, and return it; the room begins x, y, width, height."""
+    """Draw a cell of a room's wall that is not a corner; ``room`` begins with its x, y, width and height."""
     x = room[0]
     y = room[1]
     width = room[2]

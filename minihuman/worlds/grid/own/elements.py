@@ -33,7 +33,10 @@ def index_in(c, place, i, n):
 
 @overloaded
 def at(c, place, values, i):
-    """Return an element of a tuple or array, or a row of an array; a pair of indices selects an element of an array."""
+    """Return an element of a tuple or array; of an array with two dimensions, ``i`` must be a pair of indices.
+
+    An index out of range, or None in place of the values, is a fault.
+    """
     if isinstance(values, types.Optional):
         return lambda c, place, values, i: at(c, place, unwrapped(c, place, values), i)
     if isinstance(i, types.BaseTuple):
@@ -49,7 +52,7 @@ def at(c, place, values, i):
 
 @overloaded
 def at_2(c, place, values, i, j):
-    """Return an element of an array of two dimensions."""
+    """Return the element [i, j] of an array of two dimensions; an index out of range is a fault."""
 
     def read(c, place, values, i, j):
         first = index_in(c, place, i, values.shape[0])
@@ -115,7 +118,7 @@ def _write(values, i, element):
 
 @overloaded
 def set_at_2(c, place, values, i, j, element):
-    """Set an element of an array of two dimensions."""
+    """Set the element [i, j] of an array of two dimensions; an index out of range is a fault."""
     is_code = values.dtype is types.int32
     is_float = isinstance(values.dtype, types.Float)
 

@@ -169,7 +169,8 @@ def declare_fields(world_class: Any) -> None:
     """Assign places in the vector to the fields of a class, and have the class save the fields with its state.
 
     Raises:
-        WorldError: if two base classes both declare fields, or there are too many numbers.
+        WorldError: if two base classes declare different fields, a field is declared again, or there are too many
+            numbers.
     """
     bases = [base for base in world_class.__bases__ if getattr(base, "own_fields", ())]
     if len({base.own_fields for base in bases}) > 1:

@@ -106,7 +106,7 @@ def compile_rules(world: Any) -> None:
     """Compile a world's rules, unless the user's cache has them, so that worlds of the class run them from now on.
 
     Raises:
-        TranslationError: if they cannot be translated or compiled; the message names the line and the way out.
+        TranslationError: if they cannot be translated or compiled; the message names the line and what to do.
     """
     program = translate_rules(world)
     vars(world).pop("_has_no_rules", None)

@@ -127,7 +127,8 @@ def use_hand(row: Row, action: int, front: int) -> None:
 def act_alone(row: Row, action: int) -> int:
     """Apply an action without the rules; return the index in the row of the tile that the action is about.
 
-    This is the tile in front for picking up, putting down and toggling, and the agent's own tile otherwise.
+    This is the tile in front for picking up, putting down and toggling, and otherwise the tile on which the agent then
+    stands.
     """
     direction = row[DIRECTION]
     here = cell_index(row, row[Y], row[X])
@@ -164,7 +165,7 @@ def apply_agent_near(row: Row, here: int, first: int, last: int, tile: int, prod
 
 @device_function()
 def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int, product: int) -> int:
-    """Replace two tiles that lie beside each other by the product, which lies where the second of them lay.
+    """Replace the tile that was put down by floor, and each neighbour that makes a pair with it by the product.
 
     Args:
         row: the state.
