@@ -146,7 +146,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. The option
         ``"mission"`` sets the mission of all these worlds, as in `GridEnv.reset`. It also applies to episodes that
-        autoreset begins, until the worlds are reset without it.
+        autoreset begins, until the worlds are reset without it. Return all observations and an empty info.
 
         Raises:
             WorldError: if an option is not valid, or a layout has no free cell for something that it places.

@@ -94,7 +94,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
             if abs(aside) > HALF_VIEW * (far + BACK):
                 image[i, j, 0] = 0
                 continue
-            parts = 8 * size
+            parts = 8 * size  # of the line from the eye to the cell, on which other cells may hide it
             for k in range(parts):
                 across = half + aside * k / parts
                 along = size - 1 + BACK - (far + BACK) * k / parts

@@ -89,7 +89,7 @@ def _hash_snapshot(saved: GridSnapshot) -> int:
 class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
     """A grid world without a layout.
 
-    `GridEnv` has the layouts of the catalogue; `GridWorld` is for layouts of your own.
+    `GridEnv` has the layouts of the catalogue; `GridWorld` is for layouts that you write.
 
     Args:
         width: the number of columns, 3 or more, including the outer walls.
@@ -180,7 +180,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         """Return the grid's action names, and a numbered name for each further action.
 
         Raises:
-            WorldError: if there are further actions, but the class has no rules of its own that define them.
+            WorldError: if there are further actions, but the class does not define rules for them.
         """
         if actions > len(ACTION_NAMES) and not self._has_own_rules():
             raise WorldError(
@@ -234,7 +234,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self._rng_state
 
     def _check_agent(self) -> None:
-        """Check that the layout placed an agent inside the grid, with a valid direction."""
+        """Raise a WorldError unless the layout placed an agent inside the grid, with a valid direction."""
         width, height, x, y, direction = self._row[: fields.DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
             raise WorldError(f"{self} placed no agent; place one in its layout")

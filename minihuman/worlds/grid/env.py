@@ -1,4 +1,4 @@
-"""GridEnv, the grid worlds of the catalogue, and GridWorld, the base class for a grid world of your own.
+"""GridEnv, the grid worlds of the catalogue, and GridWorld, the base class for a grid world that you write.
 
 The compiled layout of a family lays out a `GridEnv`; each family is a function from options, named as Minigrid names
 them, to a recipe. `docs/grid-worlds.md` writes a `GridWorld` in fifteen lines.
@@ -74,7 +74,7 @@ class GridEnv(GridEngine):
     """A world of a family: ``GridEnv("four_rooms", max_steps=50)``.
 
     Args:
-        family: the name of one of ``env.FAMILIES`` or of a level, or a level of your own.
+        family: the name of one of ``env.FAMILIES`` or of a level, or a level that you wrote.
         max_steps: the step limit; None for the family's own.
         see_through_walls: whether the agent sees through walls; None for the family's own setting.
         options: settings of `GridEngine`, and options of the family's function (``size=9``).
@@ -219,7 +219,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Record whether the subclass has a reward or an observation of its own, and place its fields."""
+        """Record whether the subclass defines its reward or its observation, and place its fields."""
         super().__init_subclass__(**kwargs)
         declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done

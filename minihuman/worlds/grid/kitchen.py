@@ -231,7 +231,7 @@ def draw_layout(seed: int) -> KitchenLayout:
 
     One room has the onions and the plates, the other the pot and the hatch; both cooks reach only the counters.
     """
-    *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()
+    *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()  # a draw for each letter
     rows = [[*"XXXXXXX"], *([*"X  X  X"] for _ in range(4)), [*"XXXXXXX"]]
     contents = ("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")  # of each room
     for room, letters in enumerate(contents):

@@ -3,7 +3,7 @@
 The module also converts a grid to lines of characters and back, for diagrams and tests. A cell is two characters: the
 first is the kind, the second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces an empty cell, and
 `>>` `vv` `<<` `^^` the agent. A door is `D` closed, `L` locked, `O` open. A diagram does not show what the agent stands
-on or carries, nor what boxes contain. A world's own kinds have letters of their own.
+on or carries, nor what boxes contain. A world's own kinds have further letters.
 """
 
 from collections.abc import Callable, Mapping, Sequence

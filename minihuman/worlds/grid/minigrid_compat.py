@@ -227,6 +227,7 @@ class MinigridCompat(abc.ABC):
         """
         size = agent_view_size or int(self.agent_view_size)
         x, y = self.state.position
+        # by direction: right, down, left, up
         left = (x, x - size // 2, x - size + 1, x - size // 2)[self.state.direction]
         top = (y - size // 2, y, y - size // 2, y - size + 1)[self.state.direction]
         return left, top, left + size, top + size
@@ -442,7 +443,7 @@ class MinigridCompat(abc.ABC):
         return RoomGridView(self.grid, self._room_size)
 
     def room_from_pos(self, x: int, y: int) -> RoomView:
-        """Return the room that contains a cell in a grid of equal rooms.
+        """Return the room that contains the cell (x, y) in a grid of equal rooms.
 
         Raises:
             WorldError: if the world is not a grid of equal rooms.
@@ -454,7 +455,7 @@ class MinigridCompat(abc.ABC):
         return rooms.room(column, row)
 
     def get_room(self, i: int, j: int) -> RoomView:
-        """Return the room at a column and a row of rooms in a grid of equal rooms.
+        """Return the room in column ``i`` and row ``j`` of the rooms of a grid of equal rooms.
 
         Raises:
             WorldError: if the world is not a grid of equal rooms, or has no such room.

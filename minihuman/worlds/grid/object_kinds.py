@@ -1,4 +1,4 @@
-"""Object kinds: the items that a layout puts into cells (`goal()`, `door("red", locked=True)`), and kinds of your own.
+"""Object kinds: items that a layout puts into cells (`goal()`, `door("red", locked=True)`), and a world's own kinds.
 
 A world declares its own kinds, each with its properties, and its layout puts items of them into cells:
 
@@ -132,7 +132,7 @@ class MeshShape:
 
 
 def plain(canvas: Canvas, colour: RGB, state: str) -> None:
-    """Draw an object of a kind without a drawing of its own as a rounded square, hollow while it is open."""
+    """Draw an object of a kind that has no drawing as a rounded square, hollow while its state is "open"."""
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.12), colour)
     if state != "open":
         return
@@ -218,7 +218,7 @@ def check_kinds(kinds: Sequence[ObjectKind]) -> int:
 
 
 def kind_name(number: int, kinds: Sequence[ObjectKind]) -> str:
-    """Return the name of a kind by its number in a world that has the given kinds of its own."""
+    """Return the name of the kind with a number in a world whose own kinds are ``kinds``."""
     if number < FIRST_OWN_KIND:
         return KINDS[number]
     return kinds[number - FIRST_OWN_KIND].name

@@ -23,7 +23,7 @@ SnapshotType = TypeVar("SnapshotType")
 
 
 class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
-    """A batch of worlds that share their spaces, each with a random stream of its own.
+    """A batch of worlds that share their spaces, each with its own random stream.
 
     Args:
         world: a world with the batch's spaces, render mode and metadata.

@@ -68,7 +68,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     """
 
     bodies: int = 2
-    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
+    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # the world's own kinds of objects, at most five
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
     own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the declared fields of the class and its bases
@@ -79,7 +79,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Record whether the subclass has rewards of its own, and place its declared fields."""
+        """Record whether the subclass defines its rewards, and place its declared fields."""
         super().__init_subclass__(**kwargs)
         declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not TeamGrid.reward_and_done

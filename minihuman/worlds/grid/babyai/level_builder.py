@@ -351,7 +351,7 @@ def _number_or_drawn(value: Any) -> int:
 
 
 def _pack(numbers: Sequence[int]) -> int:
-    """Pack a list of at most four numbers below 16: its length in the lowest four bits, then four bits per number."""
+    """Return up to four numbers below 16 as one: their count in the lowest four bits, then four bits per number."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
 
 
@@ -408,7 +408,7 @@ class Level:
         return self.trace.__name__
 
     def _check_options(self, options: Mapping[str, Any]) -> None:
-        """Check that the level's function takes all options, and that no required option is missing."""
+        """Raise a WorldError unless the level's function takes all options, and no required option is missing."""
         parameters = inspect.signature(self.trace).parameters  # the first one is the builder
         for name in options:
             if name not in parameters:

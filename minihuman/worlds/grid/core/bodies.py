@@ -15,7 +15,7 @@ The rules of moves, which `docs/team-worlds.md` repeats for readers:
 
 The order begins with the body whose number is the number of steps taken so far, modulo the number of bodies.
 
-Tasks of teams, beside `rewards.REACH` (a body on any goal ends the episode and earns the reward):
+Tasks of teams, in addition to `rewards.REACH` (a body on any goal ends the episode and earns the reward):
 
 - `OWN_GOALS`: each body earns the reward on reaching the goal of its colour, and stays there; when all are there, the
   episode ends.

@@ -18,6 +18,7 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
     """Return the column and row of the next cell in a direction, in the grid or not; ``direction ^ 2`` is opposite."""
+    # as in STEPS: for x, 1 in direction 0 and -1 in direction 2; for y, 1 in direction 1 and -1 in direction 3
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 

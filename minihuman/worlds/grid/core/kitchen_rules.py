@@ -52,6 +52,7 @@ def soup(onions: int, tomatoes: int, clock: int) -> int:
 
     The clock is -1 before the soup cooks, and afterwards the number of steps for which it has cooked.
     """
+    # the kind is in bits 0 to 2, onions in 3 and 4, tomatoes in 5 and 6, and the clock plus 1 above them
     return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
 
 
@@ -293,13 +294,13 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
     kind = kind_of(thing)
     if kind == SOUP:
         clock = clock_of(thing)
-        cooked = 2 if clock >= 0 or not in_pot else 0
+        cooked = 2 if clock >= 0 or not in_pot else 0  # two layers for waiting pots, then two for all other soups
         image[at + cooked] = onions_in(thing)
         image[at + cooked + 1] = tomatoes_in(thing)
         if in_pot and clock >= 0:
             image[at + 4] = max(0, row[TIMES + recipe_of(thing)] - clock)
         if not in_pot or (clock >= 0 and is_ready(row, thing)):
-            image[at + 5] = 1
+            image[at + 5] = 1  # finished
     elif kind == DISH:
         image[at + 6] = 1
     elif kind == ONION:
@@ -335,11 +336,11 @@ def observe(row: Row, images: NDArray[np.uint8]) -> None:
         terrain = row[terrains + cell]
         thing = row[terrains + cells + cell]
         if terrain != FLOOR:
-            first[base + terrain - 1] = 1
+            first[base + terrain - 1] = 1  # a layer for each terrain but the floor
             if thing != NOTHING:
                 observe_thing(row, thing, terrain == POT, first, base + 6)
         if urgent:
-            first[base + 15] = 1
+            first[base + 15] = 1  # the last layer
     for cook in range(cooks):
         at = COOK + 4 * cook
         if row[at + 3] != NOTHING:

@@ -92,7 +92,7 @@ def place_anywhere(row: Row, rng_state: RngState, code: int) -> tuple[int, int]:
 
 @inline
 def stand(row: Row, x: int, y: int, direction: int) -> None:
-    """Put the agent into a cell, looking in a direction."""
+    """Put the agent into the cell (x, y), which is not checked, looking in a direction."""
     row[X] = x
     row[Y] = y
     row[DIRECTION] = direction

@@ -1,4 +1,4 @@
-"""Rewards and ends: which steps end an episode and what they earn, beside reaching a goal and stepping into lava.
+"""Rewards and ends: which steps end an episode and what they earn, apart from reaching a goal and stepping into lava.
 
 A task is a number in the state with up to six parameters (`TARGET`), so one kernel serves every world. Success earns
 1 - 0.9 * step / max_steps. The rules for BabyAI's instructions are in `babyai.verifier`.
@@ -31,7 +31,7 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
     REACH,  # nothing more than goal and lava
     PICK,  # pick up the object of identity TARGET
     FETCH,  # pick up an object of kind TARGET and colour TARGET+1; any other ends the episode
-    STAND_BY,  # say "done" beside the cell TARGET, TARGET+1; "toggle" ends the episode
+    STAND_BY,  # say "done" next to the cell TARGET, TARGET+1; "toggle" ends the episode
     MATCH,  # go to the cell TARGET, TARGET+1; the cell TARGET+2, TARGET+3 fails; "pickup" only toggles
     PUT_NEAR,  # drop the object of kind TARGET, colour TARGET+1 near the cell TARGET+2, TARGET+3
     IN_ORDER,  # open the door at TARGET, TARGET+1, then the one at TARGET+2, TARGET+3
@@ -55,7 +55,7 @@ def cell_in_front(row: Row) -> tuple[int, int]:
 
 @kernel("boolean(int32[::1], int64, int64)", "boolean(int16[::1], int64, int64)", only=True)
 def is_open(row: Row, x: int, y: int) -> bool:
-    """Return whether a cell has an open door."""
+    """Return whether the cell (x, y) has an open door."""
     code = cell_at(row, x, y)
     return kind_of(code) == DOOR and state_of(code) == OPEN
 
@@ -68,7 +68,7 @@ def _reward_if(row: Row, succeeds: bool) -> float:
 
 @device_function()
 def _is_target_look(row: Row, code: int) -> bool:
-    """Return whether an object has the kind and colour that the task requires."""
+    """Return whether the object with this code has the kind and colour that the task requires."""
     return kind_of(code) == row[TARGET] and colour_of(code) == row[TARGET + 1]
 
 

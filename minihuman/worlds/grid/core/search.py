@@ -405,7 +405,7 @@ def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
 
     ``table`` has the numbers of nodes by a hash of their content, and -1 in its free places.
     """
-    key = 17
+    key = 17  # a hash of the node's numbers
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF
     place = (key ^ key >> 21) % len(table)

@@ -283,7 +283,7 @@ def hiding_looks(row: Row) -> int:
     looks = 0
     for own in range(MAX_OWN_KINDS if row[SEE_THROUGH] > 1 else 0):
         bits = row[SEE_THROUGH] >> 1 + 4 * own & 15
-        if bits & HIDES:
+        if bits & HIDES:  # in the states open, closed and locked
             looks |= 1 << FIRST_OWN_KIND + own | 1 << FIRST_OWN_KIND + own + 16 | 1 << FIRST_OWN_KIND + own + 32
             if bits & OPENS:
                 looks &= ~(1 << FIRST_OWN_KIND + own)

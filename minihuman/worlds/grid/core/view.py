@@ -181,7 +181,7 @@ def shuffle_twice(ops: Any, vectors: Sequence[Any], lanes: Sequence[Sequence[int
 def spread_sight(clear: Any) -> Any:
     """Return the cells of a view that are seen, given those that are transparent, both with a byte for each row.
 
-    A run of transparent cells is seen as soon as one of them is, together with the cells beside it and ahead of it.
+    A run of transparent cells is seen as soon as one of them is, together with the cells next to it and ahead of it.
     """
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
@@ -189,7 +189,7 @@ def spread_sight(clear: Any) -> Any:
     visible = clear & 0
     for number in reversed(range(USUAL_VIEW)):
         lets, two, four = (cells >> 8 * number & 127 for cells in (clear, pairs, fours))
-        giving = ahead & lets
+        giving = ahead & lets  # from here on as in `spread`, with strides of one, two and four cells
         giving = (giving + lets ^ lets | giving) & lets
         giving = giving >> 1 & lets | giving
         giving = giving >> 2 & two | giving

@@ -106,7 +106,7 @@ def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
 @inline
 def behind(room: int, wall: int, columns: int) -> int:
     """Return the number of the room on the other side of a room's wall, in a grid with ``columns`` rooms in a line."""
-    step = 1 if wall % 2 == 0 else columns
+    step = 1 if wall % 2 == 0 else columns  # right and left, or down and up
     return room + step if wall < 2 else room - step
 
 

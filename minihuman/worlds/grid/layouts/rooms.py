@@ -301,7 +301,7 @@ def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[
 
 @device_function()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether a room fits in the grid and beside the ``placed`` rooms but the last, from which it is entered.
+    """Return whether a room fits into the grid with the ``placed`` rooms, apart from the last, to which it is joined.
 
     As in Minigrid, it does not fit if it overlaps one of them, ends right at the left or upper side of one, or reaches
     the last row of the grid.

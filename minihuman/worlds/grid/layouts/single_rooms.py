@@ -237,7 +237,7 @@ def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: 
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None:
-    """Put the agent into a cell, or into a random one with a random direction if ``x`` is negative."""
+    """Put the agent into the cell (x, y), or into a random one with a random direction if ``x`` is negative."""
     if x < 0:
         place_agent_anywhere(row, rng_state)
     else:

@@ -1,4 +1,4 @@
-"""The compilation of translated rules, in a process of its own: ``python -m minihuman.worlds.grid.own.compiler``.
+"""The compilation of translated rules, in a separate process: ``python -m minihuman.worlds.grid.own.compiler``.
 
 The process reads the translated source from stdin and writes machine code for this machine, an object file, to stdout.
 A process that makes worlds therefore never imports Numba.

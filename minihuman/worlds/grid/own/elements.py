@@ -68,7 +68,7 @@ def at_2(c, place, values, i, j):
 @njit
 def check_code(c, place, code):
     """Check that a code has no identity or that of an object that exists; otherwise it is a fault."""
-    if code < 0 or code >> 9 > np.int64(row(c)[11]):
+    if code < 0 or code >> 9 > np.int64(row(c)[11]):  # the identity in the code, and the number of objects
         fail(c, place, OUTSIDE, -1, code)
 
 

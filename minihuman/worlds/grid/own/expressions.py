@@ -354,7 +354,7 @@ class Expressions:
         if base.kind == "state" and name == "find":
             return f"rt.find(c, {place}, {arguments[0]})"
         if base.kind == "rng" and not node.keywords:
-            if name == "integers" and len(arguments) in (1, 2):
+            if name == "integers" and len(arguments) in (1, 2):  # one argument is the upper end, and the lower is 0
                 return self.mark_draw(f"rt.draw(c, {place}, {', '.join(['0', *arguments][-2:])})")
             if name == "random" and not arguments:
                 return self.mark_draw(f"rt.draw_random(c, {place})")

@@ -196,7 +196,7 @@ def _make_stub(name: str) -> Any:
 
 
 def overloaded(typed: Any) -> Any:
-    """Return a function for which Numba compiles whatever the decorated one returns for the arguments' types."""
+    """Return a function in whose place Numba compiles what the decorated one returns for the arguments' types."""
     stub = _make_stub(typed.__name__)
     overload(stub, jit_options=OPTIONS, strict=False)(typed)
     return stub

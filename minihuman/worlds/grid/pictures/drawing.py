@@ -230,7 +230,7 @@ def draw_cells(
     if not full:
         x = middle
         y = bottom
-        direction = 3
+        direction = 3  # the view is turned so that the agent looks up
         look = np.int64(row[CARRYING])
     if in_view:  # there the agent is part of its tile
         lay_tile(tiles, lit[x, y], under[direction, look & LOOKS - 1], x, y, words)

@@ -38,7 +38,7 @@ GRID_PALETTES: tuple[GridPalette, ...] = ("classic", "colour-safe", "minigrid")
 OBJECT_COLOURS: Mapping[GridPalette, tuple[RGB, ...]] = MappingProxyType(
     {
         "classic": ((235, 64, 52), (60, 200, 80), (66, 121, 245), (160, 88, 224), (247, 214, 64), (158, 163, 172)),
-        # told apart by lightness as well as by hue; the test beside this measures it for three kinds of eyes
+        # told apart by lightness as well as by hue; a test measures this for three kinds of eyes
         "colour-safe": ((208, 100, 12), (0, 130, 90), (32, 80, 255), (172, 140, 215), (255, 245, 130), (200, 200, 200)),
         "minigrid": ((255, 0, 0), (0, 255, 0), (0, 0, 255), (112, 39, 195), (255, 255, 0), (100, 100, 100)),
     }

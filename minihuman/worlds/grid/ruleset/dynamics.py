@@ -62,19 +62,20 @@ def ruleset_row_length(height: int, width: int, most_rules: int) -> int:
 
 @inline
 def first_cell(row: Row) -> int:
-    """Return the index in the row of its first tile."""
+    """Return the index in the row of state of the grid's first tile."""
     return len(row) - row[HEIGHT] * row[WIDTH]
 
 
 @inline
 def cell_index(row: Row, y: int, x: int) -> int:
-    """Return the index in the row of the tile in a row and a column of the grid."""
+    """Return the index in the row of state of the tile in row ``y`` and column ``x`` of the grid."""
     return len(row) - row[HEIGHT] * row[WIDTH] + y * row[WIDTH] + x
 
 
 @inline
 def offset(row: Row, direction: int) -> int:
-    """Return the difference between a tile's index in the row of state and that of its neighbour in a direction."""
+    """Return what to add to a tile's index in the row of state to get that of its neighbour in a direction."""
+    # up and down (0 and 2) are a row of tiles away, right and left (1 and 3) one tile
     return (direction - 1) * row[WIDTH] if direction % 2 == 0 else 2 - direction
 
 
@@ -95,7 +96,7 @@ def is_pickable(tile: int) -> bool:
 @inline
 def go_forward(row: Row) -> None:
     """Move the agent one tile in its direction without a check of that tile."""
-    if row[DIRECTION] % 2 == 0:
+    if row[DIRECTION] % 2 == 0:  # up or down
         row[Y] += row[DIRECTION] - 1
     else:
         row[X] += 2 - row[DIRECTION]
@@ -150,7 +151,7 @@ def act_alone(row: Row, action: int) -> int:
 
 @device_function()
 def apply_agent_near(row: Row, here: int, first: int, last: int, tile: int, product: int) -> int:
-    """Replace the given tile beside the agent, in the directions from ``first`` to ``last``, by the product.
+    """Replace the given tile next to the agent, in the directions from ``first`` to ``last``, by the product.
 
     ``here`` is the index in the row of the agent's tile. Return `CHANGED` if a tile was replaced, and otherwise 0.
     """
@@ -174,7 +175,7 @@ def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int,
         last: the last of these directions.
         a: the first input.
         b: the second input.
-        product: what replaces the tile beside ``place``, which itself becomes floor.
+        product: what replaces the tile next to ``place``, which itself becomes floor.
 
     Returns:
         `CHANGED` if tiles were replaced, and otherwise 0.

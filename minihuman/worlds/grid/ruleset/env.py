@@ -115,7 +115,7 @@ def check_rooms(rooms: Any, height: int, width: int) -> int:
 
 
 class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld):
-    """A world of rules: things turn into others beside each other, in hand or beside the agent.
+    """A world of rules: things turn into others next to each other, in hand or next to the agent.
 
     An observation has the agent's view as ``image`` (uint8[view, view, 2]: kind and colour, indexed [down, right]),
     its ``direction`` (0 up, 1 right, 2 down, 3 left), what it carries as ``pocket`` (kind and colour), and the goal and

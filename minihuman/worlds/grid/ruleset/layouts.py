@@ -41,21 +41,21 @@ ROOMS = (1, 2, 4, 6, 9)
 
 @device_function()
 def put_wall_down(row: Row, x: int) -> None:
-    """Put a wall into a whole column of the grid."""
+    """Put a wall into the whole column ``x`` of the grid."""
     for y in range(row[HEIGHT]):
         row[cell_index(row, y, x)] = GREY_WALL
 
 
 @device_function()
 def put_wall_across(row: Row, y: int, first: int, last: int) -> None:
-    """Put a wall into a row of the grid, from column ``first`` to before ``last``."""
+    """Put a wall into row ``y`` of the grid, from column ``first`` to before ``last``."""
     for x in range(first, last):
         row[cell_index(row, y, x)] = GREY_WALL
 
 
 @inline
 def put_door(row: Row, rng_state: RngState, y: int, x: int) -> None:
-    """Put a closed door, whose colour is drawn from red to grey, into a row and a column of the grid."""
+    """Put a closed door, whose colour is drawn from red to grey, into row ``y`` and column ``x`` of the grid."""
     row[cell_index(row, y, x)] = DOOR_CLOSED | integer(rng_state, 1, GREY + 1) << 4
 
 

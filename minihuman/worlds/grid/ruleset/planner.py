@@ -163,6 +163,7 @@ class _Search:
             move = int(space.moves[number])
             if is_narrow and after[PHASE] != OVER and move % _MOVE_BASE != FORWARD:
                 tiles = after[-self._n_cells :]
+                # one tile alone has changed, so no rule about tiles was used
                 is_plain = int((tiles != before).sum()) == 1
                 if move % _MOVE_BASE == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int(
                     (before & 15 == DOOR_OPEN).sum()

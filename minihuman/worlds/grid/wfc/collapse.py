@@ -203,7 +203,7 @@ def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
         patterns[w] &= allowed[w]
         bits = patterns[w]
         while bits != _0:
-            bits &= bits - _1
+            bits &= bits - _1  # clears the lowest bit that is set
             count += 1
     return count
 
