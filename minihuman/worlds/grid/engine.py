@@ -366,7 +366,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
-        """Return a picture of the world ("full") or of what the agent sees ("partial"), with tiles of ``tile_px``."""
+        """Return a picture of the world ("full") or of what the agent sees ("partial"); tiles are ``tile_px`` wide."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
     def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:

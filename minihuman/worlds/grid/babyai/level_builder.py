@@ -150,7 +150,7 @@ class LevelBuilder:
     ) -> ObjectGroup:
         """Put ``count`` random keys, balls and boxes into a room, or each into a random room; return their group.
 
-        With ``different``, no two objects of the layout are alike. A room that is ``but_not_in`` gets none.
+        With ``different``, no two objects of the layout are alike. If ``room`` is ``but_not_in``, none is put.
         """
         if different and count > 3 * len(COLOURS):
             raise WorldError(
