@@ -426,7 +426,7 @@ def fetch_instruction(rows: RowMatrix, i: int) -> None:
 
 @simd_function()
 def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> None:
-    """Prefetch the elements of a row at three indices."""
+    """Prefetch the elements of a row at the three indices ``first``, ``second`` and ``third``."""
     for at in (first, second, third):
         ops.prefetch(row, at)
 

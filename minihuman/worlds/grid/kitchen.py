@@ -451,7 +451,7 @@ class KitchenBatch(TeamBatch):
 
 
 def _build_start_row(layout: KitchenLayout, max_steps: int, *, has_old_rules: bool) -> Row:
-    """Return the row of numbers with which the kernels begin an episode in a layout, by the rules of 2019 if old."""
+    """Return the row with which an episode in a layout begins; ``has_old_rules`` stands for the rules of 2019."""
     plan = layout.plan.split("/")
     width = len(plan[0])
     height = len(plan)

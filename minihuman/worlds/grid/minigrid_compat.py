@@ -269,6 +269,9 @@ class MinigridCompat(abc.ABC):
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
         """Return a picture of the grid from above, or of what the agent sees, always in Minigrid's own tiles.
 
+        With ``agent_pov``, it shows what the agent sees; with ``highlight``, the cells that the agent sees are lighter
+        in the picture from above. A tile has ``tile_size`` pixels on a side.
+
         Minigrid's wrappers therefore give the same pixels as with Minigrid's worlds. `frame` uses the world's palette.
         """
         return draw_grid(

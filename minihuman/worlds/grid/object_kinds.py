@@ -82,7 +82,7 @@ def goal(colour: Colour = "green") -> Item:
 
 
 def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item:
-    """Return a door. A locked door can be opened with the key of its colour."""
+    """Return a door, closed unless it is locked or open; the key of its colour opens a locked door."""
     state = "closed"
     if locked:
         state = "locked"
@@ -102,7 +102,7 @@ def ball(colour: Colour = "blue") -> Item:
 
 
 def box(colour: Colour, contains: Item | None = None) -> Item:
-    """Return a box, which the agent can carry, or open with "toggle" so that its contents remain."""
+    """Return a box, which the agent can carry, or open with "toggle" so that what it ``contains`` remains."""
     return Item("box", colour, contains=contains)
 
 
@@ -178,7 +178,7 @@ class ObjectKind:
             )
 
     def __call__(self, colour: str, *, locked: bool = False, is_open: bool = False) -> Item:
-        """Return an item of this kind.
+        """Return an item of this kind in a colour; if the kind opens, it is closed unless it is ``locked`` or open.
 
         Raises:
             WorldError: if the item is to be locked or open, but the kind does not open.

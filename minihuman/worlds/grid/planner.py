@@ -253,7 +253,10 @@ def _most_states(state: State) -> int:
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
-    """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached."""
+    """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached.
+
+    Doors and objects block the way.
+    """
     steps = distances(state.row, _pose_numbers(state, poses), False)  # doors and objects block
     pose = (*state.position, state.direction)
     if steps[pose] >= FAR:

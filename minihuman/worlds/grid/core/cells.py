@@ -39,7 +39,14 @@ RED_LAVA = LAVA | RED << 4
 
 @inline
 def pack(kind: int, colour: int, state: int, identity: int) -> int:
-    """Return the code of a cell with these properties; ``identity`` is 0 for scenery."""
+    """Return the code of a cell with these properties.
+
+    Args:
+        kind: the index of the kind in KINDS.
+        colour: the index of the colour in COLOURS.
+        state: the index of a door's state in DOOR_STATES; 0 for everything else.
+        identity: the number of the object in the world, from 1; 0 for scenery.
+    """
     return kind | colour << 4 | state << 7 | identity << 9
 
 

@@ -150,7 +150,8 @@ def move(row: Row, identity: int, cell: int) -> None:
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, which lies in no cell yet; return its code.
 
-    If there are as many objects as cells, return EMPTY and mark the row as FAILED.
+    ``kind``, ``colour`` and ``state`` are numbers as in `cells.pack`. If there are as many objects as cells, return
+    EMPTY and mark the row as FAILED.
     """
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
         row[FAILED] = 1

@@ -240,7 +240,7 @@ class Expressions:
         return self.operation(node, node.op, left, right)
 
     def operation(self, node: ast.AST, operator: ast.operator, left: str, right: str) -> str:
-        """Return the translation of an operation on two translated operands."""
+        """Return the translation of an operation on two translated operands; refuse an operator without translation."""
         if type(operator) in _BIT_OPERATORS:
             return f"({left} {_BIT_OPERATORS[type(operator)]} {right})"
         if type(operator) not in _OPERATORS:

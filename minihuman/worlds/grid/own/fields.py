@@ -207,7 +207,7 @@ def own_numbers(world: Any) -> OwnNumbers:
 
 
 def field_named(world_class: Any, name: str) -> OwnField:
-    """Return a declared field of a class.
+    """Return the field with the name ``name`` that a class declares.
 
     Raises:
         WorldError: if the class declares no such field.

@@ -185,7 +185,10 @@ def _read_cached(key: str) -> bytes | None:
 
 
 def _write_cached(key: str, code: bytes) -> None:
-    """Write an object file into the user's cache, if it is on and private, and remove files unused for longest."""
+    """Write an object file into the user's cache, if that is on and private, and remove files unused for longest.
+
+    ``key`` is the cache key and ``code`` the file's contents.
+    """
     folder = cache_folder()
     if folder is None:
         return

@@ -25,7 +25,7 @@ LOG = logging.getLogger("minihuman")
 
 
 def make_team_batch(world: Any, num_worlds: int) -> TeamBatch:
-    """Return a batch of copies of a team grid, compiled if its rules can be translated."""
+    """Return a batch of ``num_worlds`` copies of a team grid, compiled if its rules can be translated."""
     if type(world).is_translated and not type(world).__module__.startswith("minihuman."):
         try:
             compile_rules(world)

@@ -185,7 +185,7 @@ class Translation:
     # --- what the translation of a function needs ---
 
     def number_place(self, path: str, line: int) -> int:
-        """Return the number of a place in the author's source, a new one for a new place."""
+        """Return the number of a place, a file and a line of the author's source; a new place gets a new number."""
         return self._places.setdefault((path, line), len(self._places))
 
     def constant(self, content: Any) -> str | None:
@@ -402,7 +402,7 @@ class Translation:
         return self._templates.index(template) + 1
 
     def scratch(self, length: int, *, is_float: bool) -> str:
-        """Reserve scratch memory for a list, and return the translated source of an array on this memory.
+        """Reserve scratch memory for a list of ``length`` numbers; return the translated source of an array on it.
 
         Raises:
             TranslationError: if the world's lists need too much memory.

@@ -41,7 +41,10 @@ def prepare_figure(pixels: Pixels) -> Figure:
 
 @lru_cache(maxsize=256)
 def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figure:
-    """Return the arrowhead of a body that looks right (0), down (1), left (2) or up (3), for `blend`."""
+    """Return the arrowhead of a body as a figure for `blend`, ``tile_px`` pixels on a side.
+
+    The body looks in the direction 0 (right), 1 (down), 2 (left) or 3 (up).
+    """
     canvas = agent(direction, tile_px, palette, OBJECT_COLOURS[palette][BODY_COLOURS[body]])
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 

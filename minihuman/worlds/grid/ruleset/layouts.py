@@ -209,7 +209,7 @@ def lay_out_tasks(
 ) -> int:
     """Run `lay_out_task` for the worlds with the numbers ``worlds``; return the first number that failed, or -1.
 
-    ``rows`` and ``rng_states`` have a row for each world of the batch.
+    ``rows`` and ``rng_states`` have a row for each world of the batch. The other parameters are as in `lay_out_task`.
     """
     failed = -1
     for k in range(len(worlds)):
