@@ -146,7 +146,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. The option
         ``"mission"`` sets the mission of all these worlds, as in `GridEnv.reset`. It also applies to episodes that
-        autoreset begins, until the worlds are reset without it.
+        autoreset begins, until the worlds are reset without it. Return all observations and an empty info.
 
         Raises:
             WorldError: if an option is not valid, or a layout has no free cell for something that it places.
@@ -179,7 +179,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Take one action in every world.
+        """Take one action in every world; return observations, rewards, terminated, truncated and info of Gymnasium.
 
         Raises:
             WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
@@ -222,7 +222,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return self.call("render")
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
-        """Return the error that says why a world was not stepped."""
+        """Return the error that says why the world with the number ``world`` was not stepped."""
         phase = self._rows[world, PHASE]
         count = self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
@@ -274,7 +274,10 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     def _final(
         self, over: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> dict[str, Any]:
-        """Return the info of a step for the worlds whose episodes it ended: their last observations, and no infos."""
+        """Return the info of a step for the worlds whose episodes it ended: their last observations, and no infos.
+
+        ``over`` says which worlds these are, bool[n]; the other arrays are the observations of all worlds.
+        """
         observations = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(over).tolist():
             observations[i] = {"image": images[i].copy(), "direction": int(directions[i]), "mission": self._missions[i]}
@@ -406,7 +409,7 @@ def step_parts(
 
 @inline
 def fetch(rows: RowMatrix, i: int) -> None:
-    """Prefetch the state of later worlds if the batch is too large for the nearest caches."""
+    """Prefetch the state of worlds after world ``i`` if the batch is too large for the nearest caches."""
     if len(rows) >= MANY:
         fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
         fetch_usual(rows[min(i + LEAD, len(rows) - 1)])
@@ -414,7 +417,7 @@ def fetch(rows: RowMatrix, i: int) -> None:
 
 @inline
 def fetch_instruction(rows: RowMatrix, i: int) -> None:
-    """Prefetch the part of a later world's state that the verifier of its instruction reads."""
+    """Prefetch the part of the state of a world after world ``i`` that the verifier of its instruction reads."""
     if len(rows) >= MANY:
         soon = rows[min(i + LEAD, len(rows) - 1)]
         block = block_of(soon)
@@ -423,7 +426,7 @@ def fetch_instruction(rows: RowMatrix, i: int) -> None:
 
 @simd_function()
 def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> None:
-    """Prefetch the elements of a row at three indices."""
+    """Prefetch the elements of a row at the three indices ``first``, ``second`` and ``third``."""
     for at in (first, second, third):
         ops.prefetch(row, at)
 
@@ -436,8 +439,8 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
 def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none.
 
-    A world cannot be stepped if its action does not exist, or if it is not in an episode. In the mode NEXT_STEP, a
-    world whose episode has ended can be stepped.
+    Only the worlds from ``first`` to before ``last`` are tested. A world cannot be stepped if its action does not
+    exist, or if it is not in an episode. In the mode NEXT_STEP, a world whose episode has ended can be stepped.
     """
     for i in range(first, last):
         phase = rows[i, PHASE]
@@ -455,7 +458,8 @@ def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first:
 def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
     """Copy a laid-out row into row ``i``, and begin the episode with its observation unless the layout failed.
 
-    Return False, without copying, if the numbers of the layout do not fit into the dtype of ``rows``.
+    The observation is written into ``images[i]`` and ``directions[i]``. Return True if the row was copied; return
+    False, without copying, if the numbers of the layout do not fit into the dtype of ``rows``.
     """
     if rows.itemsize < layout.itemsize and (layout[OBJECTS] > MOST_OBJECTS or layout[MAX_STEPS] > NARROW):
         return False
@@ -479,7 +483,7 @@ def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], direc
 def observe_many(
     rows: RowMatrix, selected: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
 ) -> None:
-    """Write the observations of the selected worlds into ``images`` and ``directions``."""
+    """Write the views and directions of the worlds that ``selected`` marks into ``images`` and ``directions``."""
     for i in range(len(rows)):
         if selected[i]:
             see(rows[i], images[i])

@@ -57,7 +57,7 @@ BACK = 0.4  # cells by which the eye is behind the middle of the agent's cell
 
 @device_function()
 def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
-    """Mark the cells that an image shows as explored; return the number of newly explored cells."""
+    """Mark the cells that an image of the agent's view shows as explored; return the number of newly explored ones."""
     size = image.shape[0]
     width = row[WIDTH]
     height = row[HEIGHT]
@@ -79,9 +79,9 @@ def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
 
 @device_function()
 def as_from_inside(image: NDArray[np.uint8]) -> None:
-    """Remove from an image the cells that are not visible from inside the grid.
+    """Remove from an image of the agent's view the cells that are not visible from inside the grid.
 
-    The cells that stay are within the angle of view, and nothing hides them.
+    The kind of a removed cell becomes 0. The cells that stay are within the angle of view, and nothing hides them.
     """
     size = image.shape[0]
     half = size // 2
@@ -94,7 +94,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
             if abs(aside) > HALF_VIEW * (far + BACK):
                 image[i, j, 0] = 0
                 continue
-            parts = 8 * size
+            parts = 8 * size  # of the line from the eye to the cell, on which other cells may hide it
             for k in range(parts):
                 across = half + aside * k / parts
                 along = size - 1 + BACK - (far + BACK) * k / parts
@@ -119,7 +119,8 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
     """Mark the cells that the agent now sees as explored; return the number of newly explored cells.
 
-    ``image`` receives the agent's view: Minigrid's, or with ``inside`` only what is visible from inside the grid.
+    ``image``, uint8[view, view, 3], receives the agent's view: Minigrid's, or with ``inside`` only what is visible from
+    inside the grid.
     """
     see(row, image)
     if inside:
@@ -145,9 +146,9 @@ def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
 
 @device_function()
 def value_of_new_cells(row: Row, explored: SeenCells, image: NDArray[np.uint8], floor: float, wall: float) -> float:
-    """Return the total value of the cells that the image would show for the first time.
+    """Return the total value of the cells that an image of the agent's view would show for the first time.
 
-    A cell is worth ``floor``, or ``wall`` if a wall is expected there.
+    A cell is worth ``floor``, or ``wall`` if it is a wall in ``row``, in which expected walls have been put.
     """
     size = image.shape[0]
     width = row[WIDTH]
@@ -179,8 +180,8 @@ def prospects(
 ) -> NDArray[np.float64]:
     """Return the value of the cells that each reachable pose would show for the first time, float64[width, height, 4].
 
-    Unknown cells hide nothing, and a closed door ahead is opened first. After ``straight`` cells of wall in a line, the
-    wall is expected to continue (0: never). A cell is worth ``floor``, or ``wall`` if a wall is expected there.
+    Unknown cells hide nothing, and a closed door ahead is opened first. ``steps`` is of `walk`, ``image`` is scratch
+    space, and ``straight`` is as in `FrontierWeights`. A cell is worth ``floor``, or ``wall`` if a wall is expected.
     """
     world = believe(row, explored, EMPTY)
     if straight > 0:
@@ -226,7 +227,7 @@ def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
     """
     width = row[WIDTH]
     height = row[HEIGHT]
-    for line in range(2 * (width + height)):  # each column and each row, in both directions
+    for line in range(2 * (width + height)):  # columns, then rows: twice each one's number, plus 1 to go backwards
         upright = line < 2 * width
         number = (line if upright else line - 2 * width) // 2
         length = height if upright else width
@@ -251,7 +252,7 @@ def expect_walls(row: Row, explored: SeenCells, straight: int) -> None:
 
 @kernel("(int32[::1], int64)")
 def walk(row: Row, passing: int) -> NDArray[np.int32]:
-    """Return the number of actions from the agent's pose to every other, int32[width, height, 4]; FAR without a path.
+    """Return the number of actions from the agent's pose to each pose, int32[width, height, 4]; FAR without a path.
 
     Closed doors are opened on the way. Passing an object costs ``passing`` more actions; with 0, objects block the way.
     """
@@ -363,7 +364,7 @@ PEOPLE_WEIGHTS = FrontierWeights(0.3)
 
 
 def no_noise(count: int) -> NDArray[np.float64]:
-    """Return noise of 0 for each judgement."""
+    """Return an error of 0 for each of ``count`` poses, as a `Noise` that does nothing."""
     return np.zeros(count)
 
 
@@ -393,7 +394,7 @@ class ExploredGrid:
         return int(remember(row, self._image, self.seen, self._inside))
 
     def in_view(self, row: Row) -> NDArray[np.bool_]:
-        """Return which cells are visible now, bool[width * height]."""
+        """Return which cells are visible now, bool[width * height], by cell x * height + y."""
         is_visible = np.zeros_like(self.seen)
         remember(row, self._image, is_visible, self._inside)
         return is_visible
@@ -410,7 +411,7 @@ class ExploredGrid:
     def frontier(
         self, known: Row, *, passing: int = 0, judgement: FrontierWeights = EXPERT_WEIGHTS, noise: Noise = no_noise
     ) -> tuple[list[int], list[int], float] | None:
-        """Plan how to see more of the grid.
+        """Plan the way to the pose from which it is best to look next, by the actions it takes and what it shows.
 
         Args:
             known: the state that `known` returned.
@@ -419,8 +420,8 @@ class ExploredGrid:
             noise: a function that takes a number of poses and returns an error for each, which is added to its cost.
 
         Returns:
-            The actions, the numbers of the cells that they enter (x * height + y), and the cost of the path in actions;
-                None if no more can be seen.
+            The actions, with the opening of a door that the pose faces last; the numbers of the cells that they enter
+                (x * height + y); and the cost of the path in actions. None if no more can be seen.
         """
         steps = walk(known, passing)
         gains = prospects(

@@ -8,10 +8,11 @@ from minihuman.worlds.grid.core.cells import STEPS
 
 
 def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
-    """Return the actions from a pose to the nearest pose with distance 0.
+    """Return the actions, turns and steps, from a pose to the nearest pose with distance 0.
 
     Args:
-        steps: the number of turns and steps from each pose (x, y, direction) to that pose, as `distances` returns them.
+        steps: the number of actions from each pose [x, y, direction] to the nearest of these poses, as
+            `core.search.distances` returns them; the first pose must not have FAR.
         x: the column of the first pose.
         y: the row of the first pose.
         direction: the direction of the first pose.

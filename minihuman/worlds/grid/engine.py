@@ -80,7 +80,7 @@ class GridSnapshot(NamedTuple):
 
 
 def _hash_snapshot(saved: GridSnapshot) -> int:
-    """Hash a snapshot to a uint64. A half draw of the random stream counts only while it is buffered."""
+    """Return a uint64 hash of a snapshot. A half draw of the random stream counts only while it is buffered."""
     has_half_draw = saved.rng_state[4]
     rng_state = saved.rng_state if has_half_draw else saved.rng_state[:4]
     return hash64([saved.row, rng_state, saved.mission, saved.kept])
@@ -89,7 +89,7 @@ def _hash_snapshot(saved: GridSnapshot) -> int:
 class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
     """A grid world without a layout.
 
-    `GridEnv` has the layouts of the catalogue; `GridWorld` is for layouts of your own.
+    `GridEnv` has the layouts of the catalogue; `GridWorld` is for layouts that you write.
 
     Args:
         width: the number of columns, 3 or more, including the outer walls.
@@ -180,7 +180,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         """Return the grid's action names, and a numbered name for each further action.
 
         Raises:
-            WorldError: if there are further actions, but the class has no rules of its own that define them.
+            WorldError: if there are further actions, but the class does not define rules for them.
         """
         if actions > len(ACTION_NAMES) and not self._has_own_rules():
             raise WorldError(
@@ -199,7 +199,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     @property
     def state(self) -> State:
-        """Return the state, with named fields."""
+        """Return the state, with named fields; writing to its arrays changes the world."""
         return State(self._row)
 
     @property
@@ -234,7 +234,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self._rng_state
 
     def _check_agent(self) -> None:
-        """Check that the layout placed an agent inside the grid, with a valid direction."""
+        """Raise a WorldError unless the layout placed an agent inside the grid, with a valid direction."""
         width, height, x, y, direction = self._row[: fields.DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
             raise WorldError(f"{self} placed no agent; place one in its layout")
@@ -366,7 +366,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
-        """Draw a picture of the whole world, or of what the agent sees, with tiles of ``tile_px`` pixels."""
+        """Return a picture of the world ("full") or of what the agent sees ("partial"); tiles are ``tile_px`` wide."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
     def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
@@ -391,7 +391,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return picture
 
     def pose(self) -> Pose:
-        """Return the agent's cell (column, 0, row) and direction."""
+        """Return the agent's cell (column, 0, row) and direction (yaw in radians)."""
         state = self._in_world()
         x, y = state.position
         return Pose(float(x), 0.0, float(y), YAWS_RAD[state.direction])
@@ -407,15 +407,15 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return ()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the actions to success, the fewest unless finding them takes too long; empty if there are none."""
+        """Return the fewest actions to success, or more if these take too long to find; empty if there are none."""
         return shortest_path(self._in_world(), self._read_stream()) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of a shortest plan as both bounds, or a lower bound and the length of a plan, if known."""
+        """Return bounds on the number of actions to success, equal if it is known; None for a bound that is not."""
         return path_length_bounds(self._in_world(), self._read_stream())
 
     def state_hash(self) -> int:
-        """Hash the layout, agent, task, mission, random stream and kept attributes to a uint64."""
+        """Return a uint64 hash of the layout, agent, task, mission, random stream and kept attributes."""
         return _hash_snapshot(self._share_snapshot())
 
     def scene_hash(self) -> int:
@@ -461,7 +461,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the largest picture with whole-numbered tiles that fits the size, uint8[H, W, 3]."""
+        """Return the largest picture of whole-numbered tiles that fits ``size_px`` (width, height): uint8[H, W, 3]."""
         tile_px, tile_palette = self.tiles(view, size_px, palette)
         return self._draw(view, tile_px, tile_palette)
 
@@ -478,7 +478,7 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
         return self._is_plain(GridEngine)
 
     def _is_plain(self, base: type) -> bool:
-        """Return whether the world steps, observes and draws as a base class does, and keeps nothing beside its row."""
+        """Return whether the world steps, observes and draws as a base class does, and its row is its only state."""
         return (
             not self.kept
             and not self.cell_marks

@@ -1,4 +1,4 @@
-"""GridEnv, the grid worlds of the catalogue, and GridWorld, the base class for a grid world of your own.
+"""GridEnv, the grid worlds of the catalogue, and GridWorld, the base class for a grid world that you write.
 
 The compiled layout of a family lays out a `GridEnv`; each family is a function from options, named as Minigrid names
 them, to a recipe. `docs/grid-worlds.md` writes a `GridWorld` in fifteen lines.
@@ -43,7 +43,7 @@ _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a family by name, including the defaults of those that were not given.
+    """Return the options of a family by their names, including the defaults of those that were not given.
 
     An obstacle type becomes Minigrid's class of that name, if Minigrid is imported.
 
@@ -74,7 +74,7 @@ class GridEnv(GridEngine):
     """A world of a family: ``GridEnv("four_rooms", max_steps=50)``.
 
     Args:
-        family: the name of one of ``env.FAMILIES`` or of a level, or a level of your own.
+        family: the name of one of ``env.FAMILIES`` or of a level, or a level that you wrote.
         max_steps: the step limit; None for the family's own.
         see_through_walls: whether the agent sees through walls; None for the family's own setting.
         options: settings of `GridEngine`, and options of the family's function (``size=9``).
@@ -122,7 +122,9 @@ class GridEnv(GridEngine):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode; in worlds with instructions, ``options={"mission": ...}`` sets the mission.
+        """Lay out a new episode and return the observation and an empty info.
+
+        In worlds with instructions, ``options={"mission": ...}`` sets the mission.
 
         Layouts are drawn until one fits the mission: it has all objects that the mission names, as many as its articles
         imply.
@@ -184,13 +186,13 @@ class GridEnvOnScreen(GridEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Lay out a new episode and show it in the window."""
+        """Lay out a new episode and show it in the window; return what `GridEnv.reset` returns."""
         observation, info = super().reset(seed=seed, options=options)
         self.render()
         return observation, info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Take an action and show the new state in the window."""
+        """Take an action and show the new state in the window; return what `GridEngine.step` returns."""
         step_outcome = super().step(action)
         self.render()
         return step_outcome
@@ -203,7 +205,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     """A grid world laid out in plain Python. Actions and the agent's view are compiled.
 
     A subclass writes `layout`, and also `reward_and_done` unless its task is a goal, lava or one of `rewards`. What
-    changes in an episode beside the grid is declared: ``coins = Int()``. Then `layout` and `reward_and_done` can be
+    else changes in an episode is declared: ``coins = Int()``. Then `layout` and `reward_and_done` can be
     translated and compiled, too (`minihuman.worlds.grid.own`).
     """
 
@@ -217,7 +219,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Record whether the subclass has a reward or an observation of its own, and place its fields."""
+        """Record whether the subclass defines its reward or its observation, and place its fields."""
         super().__init_subclass__(**kwargs)
         declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
@@ -290,7 +292,7 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
         return self.observation(), reward, terminated, truncated, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without computing the observation; return the reward, terminated and truncated."""
+        """Take an action without computing the observation; return the reward, terminated and truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
             number = self._number_of(action)

@@ -26,7 +26,7 @@ OBSTACLES: Mapping[str, int] = MappingProxyType({"lava": RED_LAVA, "wall": GREY_
 
 
 def empty(*, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0) -> Recipe:
-    """Return the recipe of an empty room."""
+    """Return the recipe of an empty room; if ``agent_start_pos`` is None, the agent's start is drawn."""
     check_whole("size", size, 3 if agent_start_pos else 4, MAX_CELLS)
     numbers = _start_numbers(agent_start_pos, agent_start_dir, size, size)
     mission = MissionSpace(TO_THE_GOAL)
@@ -36,7 +36,10 @@ def empty(*, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: in
 def dist_shift(
     *, width: int = 9, height: int = 7, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0, strip2_row: int = 2
 ) -> Recipe:
-    """Return the recipe of a room with two strips of lava."""
+    """Return the recipe of a room with two strips of lava, the second in the row ``strip2_row``.
+
+    If ``agent_start_pos`` is None, the agent's start is drawn.
+    """
     check_whole("width", width, 3 if agent_start_pos else 5, MAX_CELLS)
     check_whole("height", height, 3 if agent_start_pos else 5, MAX_CELLS)
     numbers = (
@@ -58,7 +61,11 @@ def lava_gap(*, size: int, obstacle_type: Obstacle = "lava") -> Recipe:
 def dynamic_obstacles(
     *, size: int = 8, agent_start_pos: Place = (1, 1), agent_start_dir: int = 0, n_obstacles: int = 4
 ) -> Recipe:
-    """Return the recipe of a room with balls that move at random; at most about half as many as the room is wide."""
+    """Return the recipe of a room with balls that move at random.
+
+    There are ``n_obstacles`` of them, or half as many as the room is wide if more were asked for than that plus 1. If
+    ``agent_start_pos`` is None, the agent's start is drawn.
+    """
     check_whole("size", size, 4, MAX_CELLS)
     check_whole("n_obstacles", n_obstacles, 0, MAX_CELLS)
     if n_obstacles <= size / 2 + 1:
@@ -72,7 +79,7 @@ def dynamic_obstacles(
 
 
 def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle = "lava") -> Recipe:
-    """Return the recipe of a room with rivers of lava or walls, each with an opening."""
+    """Return the recipe of a room with ``num_crossings`` rivers of lava or walls, each with an opening."""
     check_whole("size", size, 3, MAX_CELLS - 1, odd=True)
     check_whole("num_crossings", num_crossings, 0, MAX_CELLS)
     mission = MissionSpace(PAST_LAVA if obstacle_type == "lava" else THROUGH_OPENING)
@@ -81,7 +88,7 @@ def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle =
 
 
 def four_rooms(*, agent_pos: Place = None, goal_pos: Place = None) -> Recipe:
-    """Return the recipe of four rooms, with the goal in one of them."""
+    """Return the recipe of four rooms, with the goal in one of them; a place that is None is drawn."""
     size = 19
     numbers = (*_cell_numbers("agent_pos", agent_pos, size, size), *_cell_numbers("goal_pos", goal_pos, size, size))
     return Recipe(rooms.four_rooms, numbers, size, size, 100, MissionSpace("reach the goal"))
@@ -117,7 +124,15 @@ def playground() -> Recipe:
 def multi_room(
     *, minNumRooms: int, maxNumRooms: int, maxRoomSize: int = 10, width: int = 25, height: int = 25
 ) -> Recipe:
-    """Return the recipe of a chain of rooms with closed doors between them."""
+    """Return the recipe of a chain of rooms with closed doors between them.
+
+    Args:
+        minNumRooms: the smallest number of rooms.
+        maxNumRooms: the largest number of rooms.
+        maxRoomSize: the largest number of columns and rows of a room, including its walls.
+        width: the number of columns of the grid.
+        height: the number of rows of the grid.
+    """
     check_whole("width", width, 6, MAX_CELLS)
     check_whole("height", height, 6, MAX_CELLS)
     check_whole("minNumRooms", minNumRooms, 1, MOST_ROOMS)
@@ -128,7 +143,7 @@ def multi_room(
 
 
 def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
-    """Return the recipe of a room with keys and balls, one of which is to be fetched."""
+    """Return the recipe of a room with ``numObjs`` keys and balls, one of which is to be fetched."""
     _check_objects(numObjs, 1, 100, size)
     verbs = ("get a", "go get a", "fetch a", "go fetch a", "you must fetch a")
     mission = MissionSpace("{} {} {}", verbs, COLOUR_WORDS, kind_words(KEY, BALL))
@@ -136,14 +151,14 @@ def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
 
 
 def go_to_object(*, size: int = 6, numObjs: int = 2) -> Recipe:
-    """Return the recipe of a room with objects, one of which is to be reached."""
+    """Return the recipe of a room with ``numObjs`` objects, one of which is to be reached."""
     _check_objects(numObjs, 1, DIFFERENT, size)
     mission = MissionSpace("go to the {} {}", COLOUR_WORDS, kind_words(KEY, BALL, BOX))
     return Recipe(single_rooms.go_to_object, (numObjs,), size, size, 5 * size**2, mission, see_through_walls=True)
 
 
 def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
-    """Return the recipe of a room with objects, one of which is to be put near another."""
+    """Return the recipe of a room with ``numObjs`` objects, one of which is to be put near another."""
     _check_objects(numObjs, 2, DIFFERENT, size)
     if 9 * (numObjs - 1) >= (size - 2) ** 2:  # no object may lie in the nine cells around another
         raise WorldError(
@@ -162,7 +177,10 @@ def go_to_door(*, size: int = 5) -> Recipe:
 
 
 def memory(*, size: int = 8, random_length: bool = False) -> Recipe:
-    """Return the recipe of a corridor that leads from an object to a choice between its match and another object."""
+    """Return the recipe of a corridor that leads from an object to a choice between its match and another object.
+
+    With ``random_length``, the length of the corridor is drawn.
+    """
     smallest = 7 if check_bool("random_length", random_length) else 5
     check_whole("size", size, smallest, MAX_CELLS - 1, odd=True)
     mission = MissionSpace("go to the matching object at the end of the hallway")
@@ -189,7 +207,13 @@ def blocked_unlock_pickup() -> Recipe:
 
 
 def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] = "ball", room_size: int = 6) -> Recipe:
-    """Return the recipe of a corridor between rooms, one of which has a locked door with an object behind it."""
+    """Return the recipe of a corridor between rooms, one of which has a locked door with an object behind it.
+
+    Args:
+        num_rows: the number of rooms on each side of the corridor.
+        obj_type: the kind of the object.
+        room_size: the number of cells on a side of a room, including its walls.
+    """
     kind = KINDS.index(check_one_of("obj_type", obj_type, ("key", "ball", "box")))
     check_whole("room_size", room_size, 3, MAX_CELLS // 3)
     check_whole("num_rows", num_rows, 1, min(100, (MAX_CELLS - 1) // (room_size - 1)))
@@ -201,7 +225,10 @@ def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] =
 
 
 def obstructed_pair(*, key_in_box: bool = True, blocked: bool = True) -> Recipe:
-    """Return the recipe of two rooms with a blue ball behind the locked door between them."""
+    """Return the recipe of two rooms with a blue ball behind the locked door between them.
+
+    With ``blocked``, another ball lies in front of the door.
+    """
     numbers = (int(check_bool("key_in_box", key_in_box)), int(check_bool("blocked", blocked)))
     mission = MissionSpace("pick up the blue ball")
     return Recipe(room_grid.obstructed_pair, numbers, 11, 6, 288, mission, room_size=room_grid.SIZE)
@@ -216,7 +243,16 @@ def obstructed_maze(
     num_rooms_visited: int = 25,
     keys_last: bool = False,
 ) -> Recipe:
-    """Return the recipe of three rooms by three with a blue ball in a corner room."""
+    """Return the recipe of three rooms by three with a blue ball in a corner room.
+
+    Args:
+        agent_room: the column and row of the room in which the agent starts.
+        key_in_box: whether the keys are in boxes.
+        blocked: whether a ball lies in front of each locked door.
+        num_quarters: the number of side rooms that are open, from the right one clockwise, each with two locked doors.
+        num_rooms_visited: the number of rooms to which the step limit is proportional.
+        keys_last: whether the keys of a side are placed after its doors and balls, so that no ball is put on a key.
+    """
     column, row = check_pair("agent_room", agent_room, 0, 2)
     check_whole("num_quarters", num_quarters, 1, 4)
     check_whole("num_rooms_visited", num_rooms_visited, 1, 1_000_000)
@@ -288,5 +324,5 @@ def _check_objects(count: int, fewest: int, most: int, size: int) -> None:
 
 
 def _obstacle_code(name: str) -> int:
-    """Return the code of the cells of an obstacle; raise a WorldError if there is no obstacle of that name."""
+    """Return the code of a cell of the obstacle "lava" or "wall"; raise a WorldError for another name."""
     return OBSTACLES[check_one_of("obstacle_type", name, tuple(OBSTACLES))]

@@ -49,7 +49,7 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
 
 
 def _target_cell(world: Any, first: int) -> Place:
-    """Return the cell in the numbers ``first`` and ``first + 1`` of the world's task."""
+    """Return the column and row that the numbers ``first`` and ``first + 1`` of the world's task are."""
     row = world.state.row
     return int(row[TARGET + first]), int(row[TARGET + first + 1])
 

@@ -74,7 +74,10 @@ class DescriptionView(_View):
         return self._places
 
     def find_matching_objs(self, env: Any, use_location: bool = True) -> tuple[list[ObjectView], list[Place]]:
-        """Return the objects that matched the description when the episode began, and their positions."""
+        """Return the objects that matched the description when the episode began, and their positions.
+
+        The parameters are Minigrid's, and have no effect.
+        """
         return self.obj_set, self.obj_poss
 
     def surface(self, env: Any) -> str:
@@ -128,7 +131,7 @@ class _DescribedObjects:
         return self._matching(number), self._matching(number + 1)
 
     def _matching(self, number: int) -> list[ObjectView]:
-        """Return the objects in the grid that match a description by its number, column by column."""
+        """Return the objects in the grid that match the description with a number, column by column."""
         identities = np.flatnonzero(self._bits >> number & 1) + 1
         things = [self._views.of_identity(identity) for identity in identities.tolist()]
         return sorted((thing for thing in things if thing.cur_pos is not None), key=_column_by_column)

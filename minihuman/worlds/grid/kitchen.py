@@ -46,9 +46,9 @@ class KitchenLayout:
         orders: the recipes that earn a reward; if there are none, every recipe does.
         bonus: the recipes that earn twice as much.
         values: the reward of each order, in the sequence of ``orders``; empty for 20 each.
-        times: the cooking time of each order in steps, in the sequence of ``orders``; other recipes cook 20 steps.
+        times: the cooking time of each order in steps, in the sequence of ``orders``; empty for 20 each.
         per_ingredient: the reward of an onion and of a tomato, and the cooking time of an onion and of a tomato; used
-            in place of ``values`` and ``times``.
+            for what ``values`` and ``times`` do not say, instead of 20, unless it is 0.
     """
 
     plan: str
@@ -82,7 +82,7 @@ class KitchenLayout:
         return sum(map(str.isdigit, self.plan))
 
     def value(self, recipe: str) -> int:
-        """Return the reward for delivering a soup, including the bonus; 0 for a soup that is not ordered."""
+        """Return the reward for delivering a soup of a recipe, including the bonus; 0 for one that is not ordered."""
         if self.orders and recipe not in self.orders:
             return 0
         onion, tomato, _, _ = self.per_ingredient
@@ -93,7 +93,7 @@ class KitchenLayout:
         return 2 * reward if recipe in self.bonus else reward
 
     def time(self, recipe: str) -> int:
-        """Return the cooking time of a soup in steps."""
+        """Return the cooking time of a soup of a recipe in steps."""
         _, _, onion, tomato = self.per_ingredient
         if self.times and recipe in self.orders:
             return self.times[self.orders.index(recipe)]
@@ -227,11 +227,11 @@ DRAWN = "drawn"  # the layout that is drawn from an episode's seed
 
 
 def draw_layout(seed: int) -> KitchenLayout:
-    """Draw a kitchen of two rooms with counters between them, in which a soup requires both cooks.
+    """Return a kitchen, drawn from a seed, of two rooms with counters between them, in which a soup takes both cooks.
 
     One room has the onions and the plates, the other the pot and the hatch; both cooks reach only the counters.
     """
-    *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()
+    *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()  # a draw for each letter
     rows = [[*"XXXXXXX"], *([*"X  X  X"] for _ in range(4)), [*"XXXXXXX"]]
     contents = ("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")  # of each room
     for room, letters in enumerate(contents):
@@ -353,7 +353,7 @@ class Kitchen(TeamWorld):
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Draw the kitchen from above, the same for all cooks except for the ring around the observing cook."""
+        """Return a picture of the kitchen from above that fits the size; the observing cook ``body`` has a ring."""
         return self.picture_tiles(body, width, height, palette=palette).join()
 
     def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles:
@@ -364,7 +364,7 @@ class Kitchen(TeamWorld):
         return PictureTiles(cells, columns, tile_px, draw_kitchen_tile)
 
     def pose(self, body: int) -> Pose:
-        """Return a cook's cell (column, 0, row) and direction."""
+        """Return a cook's cell (column, 0, row) and direction (yaw in radians)."""
         first = fields.COOK + _COOK_NUMBERS * check_whole("body", body, 0, self.bodies - 1)
         x, y, direction = self.row[first : first + 3].tolist()
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
@@ -432,14 +432,14 @@ class KitchenBatch(TeamBatch):
         self._images = self.observations.reshape(num_worlds, world.bodies, -1)
 
     def reset(self, seed: int) -> NDArray[np.uint8]:
-        """Begin an episode in every kitchen; return the observations of all cooks."""
+        """Begin an episode in every kitchen; return the observations of all cooks. The seed has no effect."""
         self.rows[:] = self._start
         for row, images in zip(self.rows, self._images, strict=True):
             observe(row, images)
         return self.observations
 
     def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]]:
-        """Make one joint step in each kitchen. When an episode ends, the next one begins in the same step."""
+        """Make one joint step in each kitchen; an episode that ends is followed by the next one in the same step."""
         self.check_actions(actions)
         refused = step_kitchens(self.rows, self._start, actions, self._outcomes, self._images, self.ends)
         if refused >= 0:
@@ -451,7 +451,7 @@ class KitchenBatch(TeamBatch):
 
 
 def _build_start_row(layout: KitchenLayout, max_steps: int, *, has_old_rules: bool) -> Row:
-    """Return the row of numbers with which the kernels begin an episode in a layout, by the rules of 2019 if old."""
+    """Return the row with which an episode in a layout begins; ``has_old_rules`` stands for the rules of 2019."""
     plan = layout.plan.split("/")
     width = len(plan[0])
     height = len(plan)

@@ -3,7 +3,7 @@
 The module also converts a grid to lines of characters and back, for diagrams and tests. A cell is two characters: the
 first is the kind, the second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces an empty cell, and
 `>>` `vv` `<<` `^^` the agent. A door is `D` closed, `L` locked, `O` open. A diagram does not show what the agent stands
-on or carries, nor what boxes contain. A world's own kinds have letters of their own.
+on or carries, nor what boxes contain. A world's own kinds have further letters.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +43,12 @@ LayoutFunction = Callable[..., None]  # (row, rng_state, *numbers)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A layout function with its numeric arguments, the size of the grid, the mission and the default settings."""
+    """A layout function with its numeric arguments, the size of the grid, the mission and the default settings.
+
+    Attributes:
+        layout: the compiled function that lays out an episode in a cleared row.
+        numbers: what the function takes after the row and the random stream.
+    """
 
     layout: LayoutFunction
     numbers: tuple[int, ...]
@@ -60,7 +65,7 @@ class Recipe:
         self.layout(row, rng_state, *self.numbers)
 
     def limited(self, max_steps: int) -> "Recipe":
-        """Return the recipe of the same world with another step limit for every episode."""
+        """Return the recipe of the same world with the step limit ``max_steps`` for every episode."""
         return replace(self, max_steps=max_steps)
 
     def about(self, mission: str) -> "Recipe":
@@ -88,7 +93,15 @@ class PlacedItem(NamedTuple):
 
 
 class Layout:
-    """The layout of one episode while it is made. Random numbers come from the world's ``np_random``."""
+    """The layout of one episode while it is made.
+
+    Args:
+        row: the world's row of state, which has been cleared.
+        np_random: the world's generator, from which random numbers are drawn.
+        mission: the mission of the episode unless the layout sets another.
+        kinds: the world's own kinds of objects.
+        bodies: the number of bodies.
+    """
 
     def __init__(
         self,
@@ -131,7 +144,7 @@ class Layout:
             self.put(item or wall(), x, y + j)
 
     def put(self, item: Item, x: int, y: int) -> PlacedItem:
-        """Put an item into a cell, replacing whatever is there.
+        """Put an item into the cell (x, y), replacing whatever is there; return its identity and the cell.
 
         Raises:
             WorldError: if the cell is outside the grid, or the item is of a kind that the world does not have.
@@ -142,7 +155,7 @@ class Layout:
         return PlacedItem(identities_of(code), x, y)
 
     def clear(self, x: int, y: int) -> None:
-        """Make a cell empty."""
+        """Make the cell (x, y) empty; raise a WorldError if it is outside the grid."""
         self._check_inside(x, y)
         put(self._row, x, y, EMPTY)
 
@@ -155,7 +168,7 @@ class Layout:
         reject: Callable[[int, int], bool] | None = None,
         tries: int = MOST_TRIES,
     ) -> PlacedItem:
-        """Put an item into a random free cell of a rectangle, in which the agent does not stand.
+        """Put an item into a random free cell of a rectangle in which no body stands; return its identity and the cell.
 
         Args:
             item: the item to put.
@@ -171,7 +184,7 @@ class Layout:
         return self.put(item, x, y)
 
     def put_agent(self, x: int, y: int, direction: int = 0, *, body: int = 0) -> None:
-        """Put the agent, or one body of a team, into a cell, looking right (0), down (1), left (2) or up (3)."""
+        """Put the agent, or a body of a team, into the cell (x, y), facing right (0), down (1), left (2) or up (3)."""
         self._check_inside(x, y)
         self._stand(body, x, y, direction)
 
@@ -196,20 +209,20 @@ class Layout:
         self._row[at : at + 3] = x, y, direction
 
     def integer(self, low: int, high: int) -> int:
-        """Draw a whole number in [low, high)."""
+        """Return a random whole number in [low, high)."""
         return int(self._np_random.integers(low, high))
 
     def choice(self, options: Sequence[T]) -> T:
-        """Draw one of the options."""
+        """Return one of the options, drawn at random."""
         return options[self.integer(0, len(options))]
 
     def task(self, task: int, *target: int) -> None:
-        """Set what counts as success beside reaching a goal: one of the tasks in ``rewards``, and its numbers."""
+        """Set what else than reaching a goal counts as success: one of the tasks in `core.rewards`, and its numbers."""
         self._row[fields.TASK] = task
         self._row[fields.TARGET : fields.TARGET + len(target)] = target
 
     def _make(self, item: Item) -> int:
-        """Make an object of an item, with its contents but in no cell yet; return its code, or that of scenery."""
+        """Return the code of an item: of scenery, or of a new object, with its contents, that lies in no cell yet."""
         kind = self._kind_number(item)
         colour = COLOURS.index(item.colour)
         state = DOOR_STATES.index(item.state)
@@ -230,7 +243,7 @@ class Layout:
     def _draw_free_cell(
         self, noun: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int
     ) -> Place:
-        """Draw a free cell for what ``noun`` names; the other arguments and the error are those of `place`."""
+        """Return a random free cell for what ``noun`` names; the other arguments and the error are those of `place`."""
         size = size or (self.width, self.height)
         read_rng_state(self._np_random, self._rng_state)
         for _ in range(tries):
@@ -248,7 +261,7 @@ class Layout:
         return x, y
 
     def _is_taken(self, x: int, y: int) -> bool:
-        """Return whether a body other than the first stands in a cell; the random draw itself avoids the first body."""
+        """Return whether a body other than the first stands in the cell (x, y); draws avoid the first body anyway."""
         starts = (body_index(self._row, body) for body in range(1, self.bodies))
         return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
 
@@ -264,7 +277,7 @@ DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
 
 
 def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
-    """Return the grid as a diagram of characters."""
+    """Return a state's grid as a diagram of characters, with a line per row; ``kinds`` are the world's own kinds."""
     lines = []
     for y in range(state.height):
         cells = [_format_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
@@ -315,7 +328,10 @@ def observation_to_text(
 
 
 def _format_observed_cell(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:
-    """Return the two characters of a cell of an observation, which can be unseen or show the agent."""
+    """Return the two characters of a cell of an observation, given its kind, colour and state.
+
+    The cell can be unseen, or have the agent, whose state is its direction.
+    """
     if kind == UNSEEN:
         return ".."
     if kind == KINDS.index("agent"):

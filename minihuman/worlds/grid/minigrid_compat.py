@@ -98,7 +98,7 @@ class MinigridCompat(abc.ABC):
 
     @set_instead("set agent_pos or agent_dir")
     def front_pos(self) -> NDArray[np.int64]:
-        """Return the cell in front of the agent."""
+        """Return the column and row of the cell in front of the agent."""
         return np.add(self.state.position, STEPS[self.state.direction])
 
     @set_instead("set agent_pos or agent_dir")
@@ -206,14 +206,14 @@ class MinigridCompat(abc.ABC):
             self._views = None
 
     def get_view_coords(self, i: int, j: int) -> Place:
-        """Return the column and row of a cell in the agent's view, even if they lie outside the image."""
+        """Return where the agent's view has the cell (i, j) of the grid, as column and row, even outside the image."""
         right, down = np.subtract((i, j), self.state.position).tolist()
         dx, dy = STEPS[self.state.direction]
         size = int(self.agent_view_size)
         return size // 2 + down * dx - right * dy, size - 1 - (right * dx + down * dy)
 
     def relative_coords(self, x: int, y: int) -> Place | None:
-        """Return the column and row of a cell in the agent's view, or None if the cell is outside it."""
+        """Return where the agent's view has the cell (x, y) of the grid, as column and row; None if it is outside."""
         size = int(self.agent_view_size)
         place = self.get_view_coords(x, y)
         if min(place) >= 0 and max(place) < size:
@@ -221,15 +221,19 @@ class MinigridCompat(abc.ABC):
         return None
 
     def get_view_exts(self, agent_view_size: int | None = None) -> tuple[int, int, int, int]:
-        """Return the rectangle that the agent sees: left, top, right and bottom, the last two exclusive."""
+        """Return the square of the grid that the agent's view covers: left, top, right, bottom, the last two exclusive.
+
+        It has ``agent_view_size`` cells on a side, by default as many as the agent's view.
+        """
         size = agent_view_size or int(self.agent_view_size)
         x, y = self.state.position
+        # by direction: right, down, left, up
         left = (x, x - size // 2, x - size + 1, x - size // 2)[self.state.direction]
         top = (y - size // 2, y, y - size // 2, y - size + 1)[self.state.direction]
         return left, top, left + size, top + size
 
     def in_view(self, x: int, y: int) -> bool:
-        """Return whether a cell is in the rectangle that the agent sees, whether or not it is hidden."""
+        """Return whether the cell (x, y) is in the square that the agent's view covers, even if it is hidden."""
         return self.relative_coords(x, y) is not None
 
     def gen_obs_grid(self, agent_view_size: int | None = None) -> tuple[GridView, NDArray[np.bool_]]:
@@ -254,7 +258,7 @@ class MinigridCompat(abc.ABC):
         return dict(self.observation())
 
     def agent_sees(self, x: int, y: int) -> bool:
-        """Return whether the agent sees an object in a cell; False if the cell is empty."""
+        """Return whether the agent sees the object in the cell (x, y); False if the cell is empty."""
         place = self.relative_coords(x, y)
         if place is None:
             return False
@@ -263,7 +267,10 @@ class MinigridCompat(abc.ABC):
         return bool(code != EMPTY and shown_cell[0] == kind_of(code))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
-        """Draw the grid from above, or what the agent sees, always in Minigrid's own tiles.
+        """Return a picture of the grid from above, or of what the agent sees, always in Minigrid's own tiles.
+
+        With ``agent_pov``, it shows what the agent sees; with ``highlight``, the cells that the agent sees are lighter
+        in the picture from above. A tile has ``tile_size`` pixels on a side.
 
         Minigrid's wrappers therefore give the same pixels as with Minigrid's worlds. `frame` uses the world's palette.
         """
@@ -278,11 +285,11 @@ class MinigridCompat(abc.ABC):
         )
 
     def get_pov_render(self, tile_size: int) -> NDArray[np.uint8]:
-        """Draw what the agent sees, with `get_frame`."""
+        """Return a picture of what the agent sees, as `get_frame` draws it."""
         return self.get_frame(tile_size=tile_size, agent_pov=True)
 
     def get_full_render(self, highlight: bool, tile_size: int) -> NDArray[np.uint8]:
-        """Draw the grid from above, with `get_frame`."""
+        """Return a picture of the grid from above, as `get_frame` draws it."""
         return self.get_frame(highlight, tile_size)
 
     def hash(self, size: int = 16) -> str:
@@ -294,7 +301,7 @@ class MinigridCompat(abc.ABC):
         return hashlib.sha256("".join(map(str, parts)).encode()).hexdigest()[:size]
 
     def put_obj(self, obj: Any, i: int, j: int) -> None:
-        """Put an object into a cell, as `GridView.set` does."""
+        """Put an object into the cell (i, j), as `GridView.set` does."""
         self.grid.set(i, j, obj)
 
     def place_obj(
@@ -318,7 +325,7 @@ class MinigridCompat(abc.ABC):
             The cell.
 
         Raises:
-            RecursionError: if no cell was accepted in ``max_tries`` tries.
+            RecursionError: if none of ``max_tries`` + 1 drawn cells was free and accepted.
         """
         left, upper = (0, 0) if top is None else (max(top[0], 0), max(top[1], 0))
         columns, rows = (self.width, self.height) if size is None else size
@@ -373,7 +380,7 @@ class MinigridCompat(abc.ABC):
                 return self.agent_pos
 
     def place_in_room(self, i: int, j: int, obj: Any) -> tuple[ObjectView, Place]:
-        """Put an object into a random cell of a room, not next to the agent, drawn as Minigrid draws it.
+        """Put an object into a random cell of the room (i, j), not next to the agent, drawn as Minigrid draws it.
 
         Return the object's view and the cell.
 
@@ -390,7 +397,7 @@ class MinigridCompat(abc.ABC):
         return view, place
 
     def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
-        """Put a new key, ball or box into a room, and return its view and the cell.
+        """Put a new key, ball or box into the room (i, j), and return its view and the cell.
 
         Its kind and colour are drawn if they are not given.
         """
@@ -407,9 +414,10 @@ class MinigridCompat(abc.ABC):
     def add_distractors(
         self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
     ) -> list[ObjectView]:
-        """Put new keys, balls and boxes into a room, or into random rooms, and return their views.
+        """Put ``num_distractors`` new keys, balls and boxes into rooms, and return their views.
 
-        With ``all_unique``, none has the same kind and colour as another object that can be carried.
+        ``i`` and ``j`` are the column and row of the room; what is None is drawn for each object. With ``all_unique``,
+        none has the same kind and colour as another object that can be carried.
         """
         rooms = self._rooms()
         rng = self.np_random
@@ -438,7 +446,7 @@ class MinigridCompat(abc.ABC):
         return RoomGridView(self.grid, self._room_size)
 
     def room_from_pos(self, x: int, y: int) -> RoomView:
-        """Return the room that contains a cell in a grid of equal rooms.
+        """Return the room that contains the cell (x, y) in a grid of equal rooms.
 
         Raises:
             WorldError: if the world is not a grid of equal rooms.
@@ -450,7 +458,7 @@ class MinigridCompat(abc.ABC):
         return rooms.room(column, row)
 
     def get_room(self, i: int, j: int) -> RoomView:
-        """Return the room at a column and a row of rooms in a grid of equal rooms.
+        """Return the room in column ``i`` and row ``j`` of the rooms of a grid of equal rooms.
 
         Raises:
             WorldError: if the world is not a grid of equal rooms, or has no such room.
@@ -458,7 +466,7 @@ class MinigridCompat(abc.ABC):
         return self._rooms().room(i, j)
 
     def _reward(self) -> float:
-        """Return the reward that success would earn now."""
+        """Return the reward that success would earn at the current step."""
         return float(rewards.success_reward(self.state.row))
 
     def pprint_grid(self) -> str:

@@ -81,7 +81,10 @@ class _SharedSentences(Sequence[str]):
 
 @create_shared_memory.register(Sentences)
 def _create_shared(space: Sentences, n: int = 1, ctx: Any = None) -> Any:
-    """Return shared memory for a sentence of each of ``n`` worlds: an int32 per letter."""
+    """Return shared memory, made by the multiprocessing context ``ctx``, for the sentences of ``n`` worlds.
+
+    Each sentence has an int32 per letter.
+    """
     return ctx.Array("i", n * max(space.max_length, 1))
 
 
@@ -93,7 +96,7 @@ def _read_shared(space: Sentences, shared_memory: Any, n: int = 1) -> _SharedSen
 
 @write_to_shared_memory.register(Sentences)
 def _write_shared(space: Sentences, index: int, value: str, shared_memory: Any) -> None:
-    """Write the sentence of a world into shared memory, filled up with `NO_LETTER`."""
+    """Write the sentence ``value`` of the world ``index`` into shared memory, filled up with `NO_LETTER`."""
     length = max(space.max_length, 1)
     row = np.frombuffer(shared_memory.get_obj(), np.int32)[index * length : (index + 1) * length]
     row[:] = NO_LETTER

@@ -1,4 +1,4 @@
-"""Object kinds: the items that a layout puts into cells (`goal()`, `door("red", locked=True)`), and kinds of your own.
+"""Object kinds: items that a layout puts into cells (`goal()`, `door("red", locked=True)`), and a world's own kinds.
 
 A world declares its own kinds, each with its properties, and its layout puts items of them into cells:
 
@@ -82,7 +82,7 @@ def goal(colour: Colour = "green") -> Item:
 
 
 def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item:
-    """Return a door. A locked door can be opened with the key of its colour."""
+    """Return a door, closed unless it is locked or open; the key of its colour opens a locked door."""
     state = "closed"
     if locked:
         state = "locked"
@@ -102,7 +102,7 @@ def ball(colour: Colour = "blue") -> Item:
 
 
 def box(colour: Colour, contains: Item | None = None) -> Item:
-    """Return a box, which the agent can carry, or open with "toggle" so that its contents remain."""
+    """Return a box, which the agent can carry, or open with "toggle" so that what it ``contains`` remains."""
     return Item("box", colour, contains=contains)
 
 
@@ -132,7 +132,7 @@ class MeshShape:
 
 
 def plain(canvas: Canvas, colour: RGB, state: str) -> None:
-    """Draw an object of a kind without a drawing of its own as a rounded square, hollow while it is open."""
+    """Draw an object of a kind that has no drawing as a rounded square, hollow while its state is "open"."""
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.12), colour)
     if state != "open":
         return
@@ -178,7 +178,7 @@ class ObjectKind:
             )
 
     def __call__(self, colour: str, *, locked: bool = False, is_open: bool = False) -> Item:
-        """Return an item of this kind.
+        """Return an item of this kind in a colour; if the kind opens, it is closed unless it is ``locked`` or open.
 
         Raises:
             WorldError: if the item is to be locked or open, but the kind does not open.
@@ -218,7 +218,7 @@ def check_kinds(kinds: Sequence[ObjectKind]) -> int:
 
 
 def kind_name(number: int, kinds: Sequence[ObjectKind]) -> str:
-    """Return the name of a kind by its number in a world that has the given kinds of its own."""
+    """Return the name of the kind with a number in a world whose own kinds are ``kinds``."""
     if number < FIRST_OWN_KIND:
         return KINDS[number]
     return kinds[number - FIRST_OWN_KIND].name

@@ -62,7 +62,7 @@ class ObjectViews:
         self.state = State(self.state.row.copy())
 
     def of(self, code: int, place: Place | None) -> "ObjectView | None":
-        """Return the view of an object by its code, or None for EMPTY. ``place`` is its cell if it is scenery."""
+        """Return the view of the object with a code, or None for EMPTY; ``place`` is its cell if it is scenery."""
         if code == EMPTY:
             return None
         identity = identity_of(code)
@@ -73,7 +73,7 @@ class ObjectViews:
         return view
 
     def of_identity(self, identity: int) -> "ObjectView":
-        """Return the view of an object by its number in the world.
+        """Return the view of the object with an identity.
 
         Raises:
             WorldError: if the object no longer exists.
@@ -84,7 +84,7 @@ class ObjectViews:
         return view
 
     def make(self, kind: int, colour: int) -> "ObjectView":
-        """Make a new object that lies in no cell yet, and return its view.
+        """Make a new object of a kind and colour, given by number, that lies in no cell yet, and return its view.
 
         Raises:
             WorldError: if the grid has no room for another object.
@@ -105,7 +105,7 @@ class ObjectViews:
         return int(matching_contents[0]) if len(matching_contents) else EMPTY
 
     def replace(self, old: int, new: int, place: Place | None) -> None:
-        """Replace the code of an object, wherever it is. Scenery has no identity and is replaced at ``place``."""
+        """Replace the code ``old`` of an object by ``new``, wherever it is; scenery is replaced at ``place``."""
         state = self.state
         identity = identity_of(old)
         cell = state.find(identity) if identity else place
@@ -362,7 +362,7 @@ class GridView:
         return [None if code == EMPTY else self._view(code, place) for code, place in cells]
 
     def get(self, i: int, j: int) -> ObjectView | None:
-        """Return the object in a cell, given its column and row, or None if the cell is empty.
+        """Return the object in the cell (i, j), or None if the cell is empty.
 
         Raises:
             IndexError: if there is no such cell.
@@ -383,17 +383,17 @@ class GridView:
         put(self.views.state.row, i, j, self.code_for(v))
 
     def horz_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Put a row of walls, or of another class of objects, from a cell to the right; by default, to the edge."""
+        """Put a row of walls, or of another class of objects, from (x, y) to the right; by default, to the edge."""
         for i in range(self.width - x if length is None else length):
             self._put_new(x + i, y, obj_type)
 
     def vert_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
-        """Put a column of walls, or of another class of objects, from a cell down; by default, to the edge."""
+        """Put a column of walls, or of another class of objects, from (x, y) down; by default, to the edge."""
         for j in range(self.height - y if length is None else length):
             self._put_new(x, y + j, obj_type)
 
     def wall_rect(self, x: int, y: int, w: int, h: int) -> None:
-        """Put the four walls of a room. The size includes the walls."""
+        """Put the four walls of a room with the top left cell (x, y) and ``w`` x ``h`` cells, including the walls."""
         for row in (y, y + h - 1):
             self.horz_wall(x, row, w)
         for column in (x, x + w - 1):
@@ -430,7 +430,7 @@ class GridView:
         return image * vis_mask[..., None]
 
     def code_for(self, thing: Any) -> int:
-        """Return the code of an object that is about to be put into a cell.
+        """Return the code of an object that is about to be put into a cell; EMPTY for None.
 
         An object of this world is removed from its present cell; any other object is copied into this world.
 

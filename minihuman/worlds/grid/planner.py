@@ -26,12 +26,12 @@ MOST_BYTES = 200_000_000  # of states: in a very large world, fewer are searched
 
 
 def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int32]) -> list[int] | None:
-    """Return the fewest actions to the goal among moving obstacles; None if there is no way even without obstacles.
+    """Return the fewest actions to the goal among moving obstacles; None if no actions lead there.
 
     Args:
         start: the state; it is not changed.
         rng_state: the state of the random stream; it is not changed.
-        bound: for each pose, a lower bound on the number of actions to the goal.
+        bound: for each pose [x, y, direction], a lower bound on the number of actions to the goal; FAR for no way.
 
     Raises:
         WorldError: if the search gave up.
@@ -128,12 +128,12 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
     sources = _pose_numbers(state, poses)
     if len(sources) == 0:
         return None
-    bound = distances(row, sources, True)
+    bound = distances(row, sources, True)  # through doors and objects
     pose = (*state.position, state.direction)
     if bound[pose] >= FAR:
         return None
     if row[fields.TASK] == rewards.REACH:
-        walking = distances(row, sources, False)
+        walking = distances(row, sources, False)  # doors and objects block
         if walking[pose] == bound[pose]:
             return descend(walking, *pose)
     return _search_within(row, bound, extra, limit)
@@ -144,7 +144,7 @@ def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -
 
     Args:
         row: the state.
-        bound: for each pose, a lower bound on the number of actions to success, minus ``extra``.
+        bound: for each pose [x, y, direction], a lower bound on the number of actions to success, minus ``extra``.
         extra: the number of actions to add to the bound.
         limit: the maximum number of states.
 
@@ -166,7 +166,7 @@ def _search_within(row: Row, bound: NDArray[np.int32], extra: int, limit: int) -
 
 
 def _follow_instruction(state: State) -> list[int] | None:
-    """Return actions that carry out the instruction, or None if no actions do.
+    """Return actions that carry out a state's instruction, or None if certainly no actions do.
 
     Raises:
         WorldError: if the search gave up.
@@ -184,7 +184,10 @@ def _follow_instruction(state: State) -> list[int] | None:
 
 
 def _instruction_bounds(state: State) -> PathLengthBounds:
-    """Return bounds on the number of actions that carry out the instruction; unknown if no actions do."""
+    """Return bounds on the number of actions that carry out a state's instruction; unknown if no actions do.
+
+    The upper bound is None if no plan was found.
+    """
     from minihuman.worlds.grid.babyai.expert import plan_instruction
 
     instruction_plan = plan_instruction(state.row)
@@ -195,7 +198,7 @@ def _instruction_bounds(state: State) -> PathLengthBounds:
 
 
 def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
-    """Return bounds on the number of actions to success.
+    """Return bounds on the number of actions to success, with obstacles that move by ``rng_state``.
 
     Both are the exact number if it is found in time. Otherwise the first is a lower bound, and the second the length of
     some plan, or None if no plan was found. Both are unknown if no actions succeed.
@@ -214,7 +217,10 @@ def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
 
 
 def _fast_plan_length(state: State, bound: NDArray[np.int32], extra: int) -> int | None:
-    """Return the length of the plan of `_fast_plan`; None if it finds none, or if obstacles move."""
+    """Return the length of the plan of `_fast_plan`; None if it finds none, or if obstacles move.
+
+    ``bound`` and ``extra`` are those of `_lower_bounds`.
+    """
     if state.row[fields.TASK] == rewards.DODGE:
         return None
     try:
@@ -226,6 +232,8 @@ def _fast_plan_length(state: State, bound: NDArray[np.int32], extra: int) -> int
 
 def _fast_plan(state: State, bound: NDArray[np.int32], extra: int) -> list[int] | None:
     """Return actions that succeed, found soon but not always the fewest; None if there are none.
+
+    ``bound`` and ``extra`` are those of `_lower_bounds`.
 
     Raises:
         WorldError: if no search with one of the weights in `FAST_PLAN_STATES` ended in time.
@@ -245,8 +253,11 @@ def _most_states(state: State) -> int:
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
-    """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached."""
-    steps = distances(state.row, _pose_numbers(state, poses), False)
+    """Return the fewest turns and steps to one of the poses (n, 3: x, y, direction), or None if none can be reached.
+
+    Doors and objects block the way.
+    """
+    steps = distances(state.row, _pose_numbers(state, poses), False)  # doors and objects block
     pose = (*state.position, state.direction)
     if steps[pose] >= FAR:
         return None
@@ -254,9 +265,13 @@ def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
 
 
 def _lower_bounds(state: State) -> tuple[NDArray[np.int32], int]:
-    """Return a lower bound on the actions from each pose to a pose of `_target_poses`, and on the actions after it."""
+    """Return a lower bound on the number of actions from each pose to success, in two parts that add up.
+
+    The parts are int32[width, height, 4], the actions from each pose to the nearest of `_target_poses` (FAR if there is
+    no way), and the minimum number of actions after it.
+    """
     poses, extra = _target_poses(state)
-    return distances(state.row, _pose_numbers(state, poses), True), extra
+    return distances(state.row, _pose_numbers(state, poses), True), extra  # through doors and objects
 
 
 def _target_poses(state: State) -> tuple[NDArray[np.int64], int]:
@@ -293,7 +308,7 @@ def _target_poses(state: State) -> tuple[NDArray[np.int64], int]:
 
 
 def _pose_numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers, as `distances` takes them, of those poses (n, 3) that lie in the grid."""
+    """Return the numbers of those of the poses, int64[n, 3], that lie in the grid, as `distances` takes them."""
     x, y, direction = poses.T
     is_inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
     numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction
@@ -301,12 +316,19 @@ def _pose_numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _poses_in(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the poses (n, 3) in cells (n, 2): each cell in all four directions."""
+    """Return the poses in cells: for ``cells``, int64[n, 2] of columns and rows, int64[4 * n, 3] with the direction."""
     return np.array([(x, y, direction) for x, y in cells for direction in range(4)], np.int64).reshape(-1, 3)
 
 
 def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the poses (n, 3) next to cells (n, 2) that face them; some may lie outside the grid."""
+    """Return the four poses that face each cell from next to it; some may lie outside the grid.
+
+    Args:
+        cells: the column and row of each cell, int64[n, 2].
+
+    Returns:
+        The column, row and direction of each pose, int64[4 * n, 3], those of the first cell first.
+    """
     poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(STEPS)]
     return np.array(poses, np.int64).reshape(-1, 3)
 

@@ -11,7 +11,7 @@ from minihuman.worlds.upstream_names import WorldAttributeError
 
 @dataclass(frozen=True, slots=True)
 class RoomView:
-    """A room of a grid of equal rooms."""
+    """A room of a grid of equal rooms, with its top left cell, its size in cells (walls included) and its doors."""
 
     top: Place  # its top left cell
     size: Place
@@ -26,7 +26,7 @@ class RoomView:
         return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
 
     def pos_inside(self, x: int, y: int) -> bool:
-        """Return whether a cell is in the room, including its walls."""
+        """Return whether the cell (x, y) is in the room, including its walls."""
         left, top = self.top
         width, height = self.size
         return left <= x < left + width and top <= y < top + height
@@ -44,7 +44,7 @@ class RoomView:
 
 
 class RoomGridView:
-    """The rooms of a grid of equal rooms, by column and row."""
+    """The rooms of a grid of equal rooms, by column and row; iteration yields a list of rooms for each row."""
 
     def __init__(self, grid: GridView, size: int) -> None:
         self._grid = grid

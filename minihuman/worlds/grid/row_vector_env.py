@@ -23,7 +23,7 @@ SnapshotType = TypeVar("SnapshotType")
 
 
 class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
-    """A batch of worlds that share their spaces, each with a random stream of its own.
+    """A batch of worlds that share their spaces, each with its own random stream.
 
     Args:
         world: a world with the batch's spaces, render mode and metadata.
@@ -95,7 +95,15 @@ class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         return np.ascontiguousarray(action_array, np.int64)
 
     def _build_refusal(self, world: int, action: int, *, is_new: bool, is_over: bool, last_action: int) -> WorldError:
-        """Return the error for an action that a world cannot take."""
+        """Return the error for the action that the world with the number ``world`` cannot take.
+
+        Args:
+            world: the number of the world.
+            action: the action.
+            is_new: whether the world has not been reset yet.
+            is_over: whether the world's episode has ended.
+            last_action: the number of the last action that exists.
+        """
         if is_new or (is_over and self._autoreset_mode is not AutoresetMode.NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
         return WorldError(f"action {action} does not exist in world {world}; actions are 0 to {last_action}")
@@ -111,12 +119,15 @@ class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         return saved
 
     def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
-        """Return the rendering of each world, or None without a render mode."""
+        """Return the rendering of each world, a picture or a text, or None without a render mode."""
         if self.render_mode is None:
             return None
         return self.call("render")
 
 
 def build_end_info(over: NDArray[np.bool_], observations: NDArray[Any]) -> dict[str, Any]:
-    """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
+    """Return the info with which Gymnasium's "SameStep" mode reports the last observations of ended episodes.
+
+    ``over`` says which worlds' episodes ended, bool[n]; ``observations`` has their observations, and None elsewhere.
+    """
     return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}

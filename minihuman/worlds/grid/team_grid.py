@@ -68,7 +68,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     """
 
     bodies: int = 2
-    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
+    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # the world's own kinds of objects, at most five
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
     own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the declared fields of the class and its bases
@@ -79,7 +79,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Record whether the subclass has rewards of its own, and place its declared fields."""
+        """Record whether the subclass defines its rewards, and place its declared fields."""
         super().__init_subclass__(**kwargs)
         declare_fields(cls)
         cls._has_own_reward = cls.reward_and_done is not TeamGrid.reward_and_done
@@ -127,8 +127,8 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     ) -> tuple[tuple[float, ...], bool]:
         """Return the rewards of a joint step that was made, and whether it ended the episode.
 
-        The arguments have what goals and lava imply. The method may change the world (through ``self.state``); the
-        observations are made afterwards.
+        The arguments ``rewards``, one per body, and ``terminated`` are what goals and lava imply. The method may change
+        the world (through ``self.state``); the observations are made afterwards.
         """
         return rewards, terminated
 
@@ -260,7 +260,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return x, y, direction, carried
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
-        """Return whether a code, of a cell or of what a body carries, is of one of the world's own kinds."""
+        """Return whether a code, of a cell or of what a body carries, has the given one of the world's own kinds."""
         number = kind_of(int(code)) - fields.FIRST_OWN_KIND
         return number >= 0 and self.kinds[number] == kind
 
@@ -269,7 +269,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """Draw the largest picture with whole-numbered tiles that fits the size."""
+        """Return the largest picture with whole-numbered tiles, for a body, that fits the size in pixels."""
         size = len(self._images[0])
         columns, rows = (size, size) if self.view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(width // columns, height // rows))
@@ -277,7 +277,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return draw_team(self._row, check_whole("body", body, 0, self.bodies - 1), kinds=self.kinds, **looks)
 
     def pose(self, body: int) -> Pose:
-        """Return a body's cell (column, 0, row) and direction."""
+        """Return a body's cell (column, 0, row) and direction (yaw in radians)."""
         x, y, direction, _ = self._body(body)
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
@@ -286,7 +286,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return floor_plan(self.state, kinds=self.kinds)
 
     def state_hash(self) -> int:
-        """Hash the layout, bodies, task, mission, random stream and kept attributes to a uint64."""
+        """Return a uint64 hash of the layout, bodies, task, mission, random stream and kept attributes."""
         saved = self.save()
         n_numbers = 6 if saved.rng_state[4] else 4  # the last two are a buffered half draw, if there is one
         hashed = [saved.row, saved.rng_state[:n_numbers], saved.mission]

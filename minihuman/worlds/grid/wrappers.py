@@ -55,7 +55,7 @@ class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], 
 
     @abc.abstractmethod
     def image(self, observation: Observation) -> NDArray[Any]:
-        """Return the image that replaces the observation's."""
+        """Return the image that replaces the image of an observation."""
 
     def observation(self, observation: Observation) -> Observation:
         """Return the observation with its image replaced."""
@@ -294,10 +294,10 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
     @abc.abstractmethod
     def happened(self, action: int) -> tuple[Any, ...]:
-        """Return the event to count, after the step."""
+        """Return the event to count after a step with ``action``; equal events are counted together."""
 
     def step(self, action: int) -> Step:
-        """Take an action, and add the bonus to its reward."""
+        """Take an action, and return what the environment returns, with the bonus added to the reward."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         event = self.happened(action)
         self.counts[event] += 1
@@ -348,7 +348,7 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         self._next = first % len(self.seeds)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode with the next seed.
+        """Begin an episode with the next seed; return its first observation and info.
 
         Raises:
             WorldError: if another seed is given.
@@ -387,7 +387,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
             raise WorldError(f"cost is {cost!r}; it must be 0 or less")
 
     def step(self, action: int) -> Step:
-        """Take an action. Walking into one of the given kinds is undone at a cost."""
+        """Take an action as Gymnasium defines it; a step into one of the given kinds is undone at a cost."""
         row = self.grid.state.row
         x, y = cell_in_front(row)
         is_inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height

@@ -53,7 +53,13 @@ from minihuman.worlds.kernels import device_function, kernel
 
 @device_function()
 def lies_so(row: Row, cell: int, place: int) -> bool:
-    """Return whether a cell is in the agent's room, walls included, and on a side of the agent; True for ANY side."""
+    """Return whether a cell is in the agent's room, walls included, and on the given side of the agent.
+
+    Args:
+        row: the state, with the agent at its first pose.
+        cell: the number of the cell, x * height + y.
+        place: the side: ON_LEFT, ON_RIGHT, IN_FRONT or BEHIND; for ANY, the result is True wherever the cell is.
+    """
     if place == ANY:
         return True
     height = row[HEIGHT]
@@ -81,7 +87,7 @@ def lies_so(row: Row, cell: int, place: int) -> bool:
 
 @device_function()
 def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
-    """Return whether an object lies in a cell and matches a description."""
+    """Return whether the object with an identity lies in a cell and has this kind, colour and place, each maybe ANY."""
     cell = where_is(row, identity)
     if cell == NOWHERE:
         return False
@@ -95,7 +101,7 @@ def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
 
 @device_function()
 def count_walls(row: Row, colour: int, place: int) -> int:
-    """Return the number of wall cells of a colour in a place, two at most; ANY matches every colour or place.
+    """Return the number of wall cells of a colour in a place (see `lies_so`), two at most; ANY matches everything.
 
     Minigrid counts walls among the objects that match "a grey object", and if there are several matching objects, the
     sentence has the article "a" instead of "the".
@@ -112,7 +118,13 @@ def count_walls(row: Row, colour: int, place: int) -> int:
 
 @device_function()
 def bind(row: Row) -> bool:
-    """Record which objects match each description, and in which cells they lie; return whether each matches one."""
+    """Record which objects match each description of a state's instruction, and in which cells those objects lie.
+
+    Also record whether each description matches several things, for its article.
+
+    Returns:
+        Whether every description matches at least one object.
+    """
     block = block_of(row)
     means = means_of(row)
     for k in range(row[OBJECTS]):
@@ -140,9 +152,10 @@ def bind(row: Row) -> bool:
 
 @device_function()
 def makes_sense(row: Row, keys_matter: bool) -> bool:
-    """Return whether no clause asks to put an object next to itself, or where it already is.
+    """Return whether no clause of a state's instruction asks to put an object next to itself, or where it already is.
 
-    With ``keys_matter``, also return False if a clause is about a key that opens a locked door.
+    The instruction must be bound. With ``keys_matter``, also return False if a clause is about a key that opens a
+    locked door.
     """
     block = block_of(row)
     means = means_of(row)
@@ -164,7 +177,7 @@ def makes_sense(row: Row, keys_matter: bool) -> bool:
 
 @device_function()
 def unlocks(row: Row, at: int) -> bool:
-    """Return whether a description matches a key that has the colour of a locked door."""
+    """Return whether the description that begins at index ``at`` of the row is of a key in a locked door's colour."""
     if row[at + KIND] != KEY:
         return False
     for identity in range(1, row[OBJECTS] + 1):
@@ -178,19 +191,20 @@ def unlocks(row: Row, at: int) -> bool:
 
 @kernel("(int32[::1],)")
 def bind_now(row: Row) -> bool:
-    """Call `bind` from Python, for layouts written in Python."""
+    """Call `bind` from Python, for layouts written in Python; return whether every description matches an object."""
     return bind(row)
 
 
 def instruct(
     row: Row, instruction: Instruction, *, own_steps: bool = True, done_required: bool = False, room: int = 0
 ) -> None:
-    """Set an instruction as the task of a layout in which the agent is placed.
+    """Set an instruction as the task of a layout in which the agent has its first pose already.
 
     Args:
         row: the state of a world whose mission is an `InstructionSpace`; it is changed.
         instruction: the instruction.
-        own_steps: whether each part is judged by its own steps and by where objects are, unlike in Minigrid.
+        own_steps: whether a step that ends the first part does not count for the second, and objects are judged by
+            where they are now; in Minigrid, neither is the case.
         done_required: whether a clause only counts when the agent says "done" right after carrying it out.
         room: the number of cells on a side of a room, including its walls, for "on your left"; 0 if the whole grid is
             one room.

@@ -85,7 +85,7 @@ Sorts = NDArray[np.int64]  # by identity - 1: the class of the object when it is
 
 @kernel("(int32[::1],)")
 def find_locks(row: Row) -> Locks:
-    """Return the locked doors for which there is a key, (locks, 2): the door's identity and colour."""
+    """Return the locked doors that a key fits, the first `MOST_LOCKS` of them, (locks, 2): identity and colour."""
     keys = key_colours(row)
     locks = np.zeros((MOST_LOCKS, 2), np.int64)
     count = 0
@@ -103,7 +103,7 @@ def find_locks(row: Row) -> Locks:
 
 @device_function()
 def key_colours(row: Row) -> int:
-    """Return the colours of all keys as bits, whether they lie in cells, are carried or are in boxes."""
+    """Return a number with bit ``1 << colour`` for each key's colour, in a cell, in the hand or in a box in a cell."""
     colours = 0
     for identity in range(1, row[OBJECTS] + 1):
         cell = where_is(row, identity)
@@ -120,7 +120,14 @@ def key_colours(row: Row) -> int:
 
 @kernel("(int32[::1], int64, int64[::1], int64[:, ::1])")
 def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
-    """Return each object's class when it is carried, by identity - 1: OTHER, MOVED, or KEYS plus a lock's index."""
+    """Return each object's class when it is carried, by identity - 1: OTHER, MOVED, or KEYS plus a lock's index.
+
+    Args:
+        row: the state.
+        clause: the number of the clause; in a clause that puts an object next to another, objects to put are MOVED.
+        codes: the code of each object, by identity - 1.
+        locks: the locked doors, as `find_locks` returns them.
+    """
     sorts = np.full(len(codes), OTHER, np.int64)
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
     for k in range(len(codes)):
@@ -137,7 +144,7 @@ def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -
 
 @device_function()
 def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDArray[np.int64]) -> bool:
-    """Return whether a class of carried objects can open a lock."""
+    """Return whether some object of the class ``hand`` is a key of the colour of the lock with the index ``lock``."""
     if hand >= KEYS:
         return locks[hand - KEYS, 1] == locks[lock, 1]
     if hand == MOVED:
@@ -153,7 +160,7 @@ def distance_heuristic(
 ) -> Table:
     """Return the number of actions to complete a clause from each state of the simplified world, FAR if impossible.
 
-    With ``careful``, doors and objects in the way add what they usually take; otherwise it never overestimates.
+    With ``careful``, doors and objects in the way add what they usually take; otherwise no number is an overestimate.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -207,7 +214,7 @@ def distance_heuristic(
             for move in range(5 + hands + len(locks)):
                 before = -1
                 added = 1
-                if move < 2:  # the action before was a turn
+                if move < 2:  # the action before was a turn, from the direction one further or three further
                     before = base + cell * 4 + ((direction + 1 + 2 * move) & 3)
                 elif move == 2:  # a step forward
                     enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)
@@ -223,7 +230,7 @@ def distance_heuristic(
                         if extra > 0:
                             before = state - hand * cells * 4
                             added = extra
-                elif move == 4:  # no action has this number
+                elif move == 4:  # would be dropping an object of class move - 5 = -1, which does not exist
                     continue
                 elif move < 5 + hands:  # dropping an object of class move - 5
                     if hand == NOTHING and move > 5:
@@ -250,9 +257,9 @@ def distance_heuristic(
 def lies_ahead(
     row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> int:
-    """Return how many actions it takes to get an object of a class from the cell ahead.
+    """Return how many actions it takes to get an object of the class ``hand`` from the cell ahead of a pose.
 
-    This is 1 for an object in the cell, 2 for one inside a box there, and 0 if there is no such object.
+    This is 1 for an object in the cell, 2 for one inside a box there, and 0 if the cell has no object of this class.
     """
     i, j = ahead(x, y, direction)
     if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
@@ -272,9 +279,17 @@ def lies_ahead(
 def can_open(
     row: Row, code: int, lock: int, unlocked: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> bool:
-    """Return whether an agent can open a door, given what it carries and the locks that are unlocked.
+    """Return whether an agent can open a door in a state of the simplified world.
 
-    ``lock`` is -1 for a door without a lock.
+    Args:
+        row: the state of the real world.
+        code: the code of the door.
+        lock: the index of the door's lock in ``locks``; -1 if it is not among them.
+        unlocked: the locks that are unlocked, with bit ``1 << lock`` for each.
+        hand: the class of the carried object.
+        codes: the code of each object, by identity - 1.
+        locks: the locked doors, as `find_locks` returns them.
+        sorts: the class of each object, as `sort_things` returns it.
     """
     if lock >= 0 and unlocked >> lock & 1 == 0:
         return opens(row, hand, lock, locks, sorts, codes)
@@ -292,7 +307,7 @@ def goal(
     lock_at: NDArray[np.int64],
     steps: Table,
 ) -> None:
-    """Set ``steps`` where one action, or none, completes the clause: to the cost of this action, or to 0."""
+    """Set ``steps`` to 0 in the states that complete the clause, or to an action's cost where that action does so."""
     width = row[WIDTH]
     height = row[HEIGHT]
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
@@ -327,7 +342,10 @@ def goal(
 
 @device_function()
 def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
-    """Return whether an object that matches one of the given description bits now lies next to a cell."""
+    """Return whether an object now lies next to the cell (x, y) that matches one of the descriptions ``meant``.
+
+    Bit ``d`` of ``meant`` stands for description ``d``.
+    """
     for k in range(4):
         i, j = ahead(x, y, k)
         if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
@@ -339,13 +357,16 @@ def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
 
 @kernel("(int32[::1],)")
 def codes_of(row: Row) -> NDArray[np.int64]:
-    """Return the code of each object, by identity - 1, wherever it is."""
+    """Return the code of each object, by identity - 1, wherever it is; 0 for an object that is gone."""
     return object_codes(row)
 
 
 @device_function()
 def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
-    """Return whether the action just taken has completed a clause; ``held_before`` was carried before, or 0."""
+    """Return whether the action that led to this state has completed a clause.
+
+    ``held_before`` is the identity of the object in hand before the action, 0 for none.
+    """
     at = block_of(row) + CLAUSES + clause * CLAUSE
     verb = row[at + VERB]
     meant = 1 << 2 * clause
@@ -369,9 +390,10 @@ def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
 
 @device_function()
 def may_help(row: Row, clause: int, action: int, last: int) -> bool:
-    """Return whether the search tries an action.
+    """Return whether the search for a plan of a clause tries an action in this state.
 
-    It does not close doors, pick up the object ``last`` that it has just put down, or violate a strict clause.
+    It does not close doors, open boxes that a description matches, violate a strict clause, or pick up the object that
+    was put down last (``last`` is its identity).
     """
     if action <= FORWARD:
         return True
@@ -405,7 +427,10 @@ def may_help(row: Row, clause: int, action: int, last: int) -> bool:
 
 @device_function()
 def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """Look up the estimated number of actions from a state to the completion of the clause."""
+    """Return the estimated number of actions from a state to the completion of the clause, FAR if it is impossible.
+
+    ``table`` is the result of `distance_heuristic` for ``locks`` and ``sorts``.
+    """
     unlocked = 0
     for lock in range(len(locks)):
         cell = where_is(row, locks[lock, 0])
@@ -418,7 +443,7 @@ def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
 
 @kernel("(int32[::1], int32[:, :, ::1], int64[:, ::1], int64[::1])")
 def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """Call `heuristic_value` from Python."""
+    """Call `heuristic_value` from Python; return the estimated number of actions."""
     return heuristic_value(row, table, locks, sorts)
 
 
@@ -449,7 +474,7 @@ def search_clause(
     frontier = open_frontier(row, limit, weight * heuristic)
     node = pop(frontier)
     while node >= 0:
-        for action in range(6):
+        for action in range(6):  # all but "done"
             load(row, frontier.nodes[node], codes)
             if not may_help(row, clause, action, frontier.nodes[node, LAST]):
                 continue

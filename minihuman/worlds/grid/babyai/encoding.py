@@ -88,7 +88,7 @@ def means_of(row: Row) -> int:
 
 @inline
 def is_meant(bits: int, clause: int) -> bool:
-    """Return whether a clause's first description matches an object with these bits."""
+    """Return whether a clause's first description matches an object whose number in the row is ``bits``."""
     return bits >> 2 * clause & 1 != 0
 
 
@@ -104,7 +104,7 @@ UNSAID = -1  # in the place of PLURAL: "a" or "the" was not said
 
 
 def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
-    """Return the block that encodes an instruction, int64[BLOCK]."""
+    """Return the block that encodes an instruction, int64[BLOCK], not yet bound to any layout."""
     numbers = np.zeros(BLOCK, np.int64)
     numbers[JOIN] = JOINS.get(type(instruction), ALONE)
     for at, part in zip((LEFT, RIGHT), parts(instruction), strict=False):
@@ -155,7 +155,10 @@ def sentence_of(row: Row) -> str:
 
 
 def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
-    """Return the clauses of a state's instruction as text, each with the step that completed it, or 0."""
+    """Return the clauses of a state's instruction as text, each with the number of the step that completed it.
+
+    The number is 0 for a clause that is not satisfied.
+    """
     lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
     return tuple(
         (str(clause), int(line[WHEN]) if line[STATUS] == SATISFIED else 0)
@@ -171,7 +174,8 @@ def _sentence(numbers: bytes) -> str:
 def _sentence_numbers(block_bytes: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
     """Return the numbers of a block that determine the sentence.
 
-    They are the join, the number of clauses in the first part, the flags, and the clauses without their status.
+    They are the join, the number of clauses in the first part, the flag IN_ORDER_STRICTLY (1 or 0), and for each clause
+    its verb, whether it is strict, and its two descriptions.
     """
     numbers = np.frombuffer(block_bytes, np.int32).tolist()
     clause_count = numbers[LEFT] + numbers[RIGHT]
@@ -196,7 +200,7 @@ def _build_instruction(
         join: how the parts are joined: ALONE, BEFORE or AFTER.
         first_count: the number of clauses in the first part.
         strict: 1 if doing the second part first is failure, else 0.
-        clause_numbers: the numbers of each clause.
+        clause_numbers: the numbers of each clause, as `_sentence_numbers` returns them.
         build_clause: a function that returns a clause, or its text, from its numbers.
     """
     built_clauses = [build_clause(*numbers) for numbers in clause_numbers]

@@ -42,8 +42,11 @@ SPARED = 1 << 30  # a bit of no description in an object's number, which keeps t
 def clear_way(row: Row, clause: int) -> list[int] | None:
     """Move the objects that block a clause out of the way, and set the row to the state after that.
 
-    Return the actions. Return None if the clause is strict, the distance heuristic has no path, an object cannot be
-    moved, or there are too many objects (`MOST_CLEARED`).
+    The row is changed even if the result is None.
+
+    Returns:
+        The actions, empty if nothing blocks; None if the clause is strict, the distance heuristic has no path, an
+            object cannot be moved, or there are too many objects (`MOST_CLEARED`).
     """
     if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STRICT]:
         return None
@@ -78,7 +81,7 @@ def clear_way(row: Row, clause: int) -> list[int] | None:
 
 
 def _take_actions(row: Row, actions: list[int]) -> bool:
-    """Take actions in a row; return False as soon as one of them ends the episode."""
+    """Take actions one after the other, which changes the row; return False as soon as one ends the episode."""
     for action in actions:
         status, _ = try_action(row, action)
         if status & TERMINATED:
@@ -100,20 +103,21 @@ class _Node(NamedTuple):
 
     @property
     def cell_ahead(self) -> tuple[int, int]:
-        """The column and row of the cell ahead."""
+        """Return the column and row of the cell ahead."""
         columns, rows = STEPS[self.direction]
         return self.x + columns, self.y + rows
 
 
 def _path_cells(row: Row, clause: int) -> list[int] | None:
-    """Return the numbers of the cells on a shortest path of the distance heuristic, whether they are free or not.
+    """Return the cells (x * height + y) on a shortest path of the distance heuristic, whether they are free or not.
 
-    The last one is the cell on which the clause's last action acts. The result is None if there is no path.
+    Each cell is listed once. The last one is the cell on which the clause's last action acts. The result is None if
+    there is no path.
     """
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
-    table = distance_heuristic(row, clause, codes, locks, sorts, True)
+    table = distance_heuristic(row, clause, codes, locks, sorts, True)  # what is in the way costs something
     state = State(row)
 
     def distance(node: _Node) -> int:
@@ -129,7 +133,7 @@ def _path_cells(row: Row, clause: int) -> list[int] | None:
         if distance(nearest) >= distance(node):
             x, y = node.cell_ahead  # where the last action of the clause takes effect
             cells.append(x * state.height + y)
-            return list(dict.fromkeys(cells))
+            return list(dict.fromkeys(cells))  # a path may pass a cell twice, with another object in hand
         if (nearest.x, nearest.y) != (node.x, node.y):
             cells.append(nearest.x * state.height + nearest.y)
         node = nearest
@@ -137,7 +141,14 @@ def _path_cells(row: Row, clause: int) -> list[int] | None:
 
 
 def _successors(node: _Node, state: State, sorts: Sorts, lock_at: Mapping[tuple[int, int] | None, int]) -> list[_Node]:
-    """Return the states of the simplified world that one action reaches."""
+    """Return the states of the simplified world that one action reaches from a state.
+
+    Args:
+        node: the state from which the action is taken.
+        state: the state of the real world.
+        sorts: the class of each object, as `sort_things` returns it.
+        lock_at: the index of the lock in each cell with a locked door.
+    """
     successors = [node._replace(direction=(node.direction + turn) % 4) for turn in (1, 3)]
     x, y = node.cell_ahead
     if 0 <= x < state.width and 0 <= y < state.height:
@@ -170,7 +181,7 @@ def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
     codes = codes_of(trial)
     locks = find_locks(trial)
     sorts = sort_things(trial, 0, codes, locks)
-    table = distance_heuristic(trial, 0, codes, locks, sorts, True)
+    table = distance_heuristic(trial, 0, codes, locks, sorts, True)  # what is in the way costs something
     outcome, actions = search_clause(trial, 0, table, locks, sorts, 2, LIMIT)
     if outcome == FOUND:
         return [int(action) for action in actions]
@@ -180,13 +191,14 @@ def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
 def put_down(row: Row, way: list[int]) -> list[int] | None:
     """Return the actions that put down what the agent carries, off the path and, if possible, not next to a door.
 
-    The list is empty if the agent carries nothing, and the result is None if there is no place to put the object.
+    ``way`` has the numbers of the path's cells (x * height + y). The list is empty if the agent carries nothing, and
+    the result is None if there is no place to put the object.
     """
     if row[CARRYING] == EMPTY:
         return []
     for barred in (_barred_cells(row, way, doors=True), _barred_cells(row, way, doors=False)):
         poses = _poses_facing_free_cells(row, barred)
-        steps = distances(row, poses, False)
+        steps = distances(row, poses, False)  # doors and objects block
         state = State(row)
         pose = (*state.position, state.direction)
         if steps[pose] < FAR:
@@ -208,7 +220,7 @@ def _barred_cells(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]
 
 
 def _poses_facing_free_cells(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the numbers of the poses that face a free cell that is not barred."""
+    """Return the numbers of the poses that face an empty cell that is not barred, as `search.distances` takes them."""
     state = State(row)
     numbers = []
     for x, y in np.argwhere((state.cells == EMPTY) & ~barred).tolist():
@@ -231,7 +243,7 @@ class InstructionPlan:
     """The result of planning an instruction.
 
     Attributes:
-        actions: the actions; empty if none were found.
+        actions: the actions that succeed; empty if none were found.
         at_least: a lower bound on the number of actions; None if certainly no plan exists.
         found: whether the actions succeed.
     """
@@ -283,7 +295,7 @@ def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
-    """Yield the orders in which the clauses that are not yet satisfied can be carried out."""
+    """Yield the orders in which the clauses that are not yet satisfied can be carried out, as numbers of clauses."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
@@ -307,7 +319,9 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
 def _plan_in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
     """Plan clauses one after the other, and set the row to the state after them.
 
-    Return the actions, whether it is certain that none exist, and a lower bound on the actions for the first clause.
+    Returns:
+        The actions, None if they were not found or do not succeed; whether it is certain that none exist in this order;
+            and a lower bound on the number of actions for the first clause, None if it is impossible.
     """
     actions_made: list[int] = []
     bound: int | None = None
@@ -334,12 +348,17 @@ def _plan_in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | 
 
 
 def _plan_clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Plan one clause; return the actions, whether there certainly are none, and a lower bound on their number."""
+    """Plan one clause without changing the row.
+
+    Returns:
+        The actions, None if none were found; whether there certainly are none; and a lower bound on their number, None
+            if the distance heuristic has no path.
+    """
     first_actions: list[int] = []
     codes = codes_of(row)
     locks = find_locks(row)
     sorts = sort_things(row, clause, codes, locks)
-    table = distance_heuristic(row, clause, codes, locks, sorts, False)
+    table = distance_heuristic(row, clause, codes, locks, sorts, False)  # a lower bound
     at_least = int(heuristic_value_of(row, table, locks, sorts))
     if at_least >= FAR and row[CARRYING] != EMPTY:
         return _plan_after_dropping(row, clause)
@@ -357,11 +376,12 @@ def _plan_clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, i
 
 
 def _plan_inexactly(row: Row, clause: int) -> tuple[int, ...] | None:
-    """Plan one clause with an overestimating heuristic, moving objects out of the way if that helps.
+    """Return a plan for one clause, found with an overestimating heuristic, which may first move objects away.
 
-    Return None if no plan is found.
+    Return None if no plan is found. The row is not changed.
     """
     trial = row.copy()
+    # each search: weight of the heuristic, maximum number of states, whether objects are first moved out of the way
     for weight, limit, is_clearing in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
         cleared: list[int] | None = []
         if is_clearing:

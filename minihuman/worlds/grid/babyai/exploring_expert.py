@@ -44,8 +44,9 @@ class Explorer:
         state: the world's state after its reset.
         view_size: the number of cells on a side of the agent's view.
         judgement: the weights by which it chooses where to look; None for the best known ones.
-        noise: a function that returns the errors of these judgements, in actions.
-        inside: whether the grid is seen from inside.
+        noise: a function that takes a number of poses and returns an error for each, in actions, which is added to the
+            cost of looking from there.
+        inside: whether the agent's view is first-person instead of from above.
     """
 
     def __init__(
@@ -64,12 +65,12 @@ class Explorer:
         self._before = state.row.copy()  # the state when `way` was last called
 
     def action(self, state: State) -> int | None:
-        """Return the next action, or None if nothing is left to try."""
+        """Return the next action in the world's current state, or None if nothing is left to try."""
         actions = self.way(state)
         return actions[0] if actions else None
 
     def way(self, state: State) -> list[int]:
-        """Return the actions planned from the current state; empty if nothing is left to try."""
+        """Look, plan anew if needed, and return the actions planned from the state; empty if nothing is left to try."""
         has_new = self.memory.look(state.row)
         is_random = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
         if self._plan and not is_random and np.array_equal(_state_after(self._before, self._plan[0]), state.row):
@@ -82,7 +83,7 @@ class Explorer:
         return self._plan
 
     def _decide(self, row: Row) -> list[int]:
-        """Return actions planned with what the agent has seen, or else those that look for more; empty if none help."""
+        """Return actions that do the task, or else look for more, given what the agent has seen; empty if none help."""
         belief = self.memory.known(row)
         belief[fields.MAX_STEPS] = FAR
         belief[fields.STEP] = 0
@@ -102,7 +103,10 @@ class Explorer:
         return self._look_for_more(belief)
 
     def _fix_obstacles(self, belief: Row) -> None:
-        """Turn visible obstacles into walls, and remove the others, which may have moved since they were seen."""
+        """Turn the visible moving obstacles of a belief into walls, and remove the others, which may have moved since.
+
+        The task of the belief becomes to reach the goal.
+        """
         belief[fields.TASK] = rewards.REACH
         cells = belief[fields.HEADER : fields.HEADER + int(belief[fields.WIDTH]) * int(belief[fields.HEIGHT])]
         moving = identities_of(cells) > 0
@@ -111,10 +115,10 @@ class Explorer:
         cells[moving & ~in_view] = EMPTY
 
     def _has_seen_task(self, belief: Row) -> bool:
-        """Return whether the cells of the task have been seen, and for a match also the objects to compare."""
+        """Return whether the cells that the task names have been seen, and for MATCH also the objects to compare."""
         task = int(belief[fields.TASK])
         target = belief[fields.TARGET : fields.TARGET + 4].tolist()
-        offsets = {
+        offsets = {  # by task: where the column of each such cell is in the target; its row follows
             rewards.STAND_BY: (0,),
             rewards.OPEN_DOOR: (0,),
             rewards.MATCH: (0, 2),
@@ -128,7 +132,7 @@ class Explorer:
         return all(State(belief).find(identity) is not None for identity in things)
 
     def _plan_clauses(self, belief: Row) -> list[list[int]]:
-        """Return plans of the clauses that are due now, as far as the agent has seen enough to plan them."""
+        """Return a plan for each clause that is due now and can be planned with what the agent has seen."""
         plans = []
         must_say_done = block(belief)[encoding.FLAGS] & encoding.SAY_DONE
         for clause in active(belief):
@@ -138,7 +142,7 @@ class Explorer:
         return plans
 
     def _plan_fetching(self, belief: Row) -> list[list[int]]:
-        """Return plans for picking up an object that is to be put next to another that has not been found yet."""
+        """Return plans for picking up known objects that clauses want put next to others, if none is carried yet."""
         plans = []
         for clause in active(belief):
             if block(belief)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
@@ -210,12 +214,12 @@ class Explorer:
 
 
 def _is_strict(row: Row) -> bool:
-    """Return whether a clause that is due now fails if something else is done first."""
+    """Return whether any of the clauses that are due now is strict, so that acting on another object is a failure."""
     return any(clause[encoding.STRICT] != 0 for clause in _active_clauses(row))
 
 
 def _seeks_doors(row: Row) -> bool:
-    """Return whether each clause that is due now is about a door."""
+    """Return whether there are clauses that are due now, and each of them is about a door."""
     kinds = [int(clause[encoding.THING + encoding.KIND]) for clause in _active_clauses(row)]
     return bool(kinds) and all(kind == DOOR for kind in kinds)
 
@@ -238,7 +242,10 @@ def _lock_closed_doors(belief: Row) -> Row:
 
 
 def active(row: Row) -> tuple[int, ...]:
-    """Return the numbers of the clauses that are due now: those of the first group that are not fulfilled yet."""
+    """Return the numbers of the clauses that are due now; () if all are satisfied.
+
+    They are the unsatisfied clauses of the part to be carried out first, or, if it has none, those of the other part.
+    """
     numbers = block(row)
     n_first = int(numbers[encoding.LEFT])
     n_second = int(numbers[encoding.RIGHT])
@@ -257,7 +264,7 @@ def active(row: Row) -> tuple[int, ...]:
 
 
 def _state_after(row: Row, action: int) -> Row:
-    """Return a copy of the state in which an action was taken."""
+    """Return a copy of a state after an action that was taken in it."""
     row_after = row.copy()
     try_action(row_after, action)
     return row_after

@@ -63,7 +63,7 @@ class InstructionSpace(Sentences):
         super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(words_in(longest)), seed=seed)
 
     def of(self, row: Row) -> str:
-        """Return the instruction of a state as a sentence."""
+        """Return the instruction in a row of state as a sentence."""
         return sentence_of(row)
 
     def first(self) -> str:
@@ -83,7 +83,7 @@ class InstructionSpace(Sentences):
         return str(instruction) == x and self.admits(instruction)
 
     def admits(self, instruction: Instruction) -> bool:
-        """Return whether an instruction belongs to the grammar."""
+        """Return whether an instruction has only the verbs, the places and the number of clauses of this space."""
         clause_list = clauses(instruction)
         things = [
             thing for clause in clause_list for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))
@@ -95,7 +95,7 @@ class InstructionSpace(Sentences):
         )
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """Return a random sentence. Masks and probabilities are not supported."""
+        """Return a random sentence; raise a WorldError if a mask or a probability is given."""
         if mask is not None or probability is not None:
             raise WorldError("an instruction space takes no mask and no probability; remove them")
         count = int(self.np_random.integers(1, self.clauses + 1))
@@ -111,7 +111,7 @@ class InstructionSpace(Sentences):
         return str(instruction)
 
     def _draw_clause(self) -> Clause:
-        """Draw a verb and descriptions. Only a door is opened, and a door is never picked up or moved."""
+        """Return a clause with a random verb and descriptions. Only doors are opened; they are never picked up."""
         verb = VERBS[self.verbs[self._draw_below(len(self.verbs))]]
         nouns: tuple[str, ...]
         if verb is Open:
@@ -120,6 +120,7 @@ class InstructionSpace(Sentences):
             nouns = NOUNS
         else:
             nouns = NOUNS[1:]  # without "door"
+        # the second description is drawn for every verb, as part of the random stream
         return self._build_clause(verb, self._draw_description(nouns), self._draw_description(NOUNS))
 
     def _build_clause(

@@ -27,7 +27,7 @@ class ObjectDescription:
     many: bool | None = None  # whether several objects match ("a"), just one ("the"), or it is not known yet (None)
 
     def __post_init__(self) -> None:
-        """Check that the kind, the colour and the place exist."""
+        """Raise a WorldError unless the kind, the colour and the place exist or are None."""
         for name, words in (("kind", NOUNS), ("colour", COLOURS), ("place", PLACES)):
             value = getattr(self, name)
             if isinstance(value, str) and value not in words:  # in a level's function it may be a random variable
@@ -67,7 +67,7 @@ class Open(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the object is a door."""
+        """Raise a WorldError if the object to open is described as another kind than a door."""
         if self.thing.kind not in ("door", None) and isinstance(self.thing.kind, str):
             raise WorldError(f"'open {self.thing}': only doors can be opened")
 
@@ -80,7 +80,7 @@ class Pickup(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the object is not a door."""
+        """Raise a WorldError if the object to pick up is described as a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'pick up {self.thing}': a door cannot be picked up")
 
@@ -94,7 +94,7 @@ class PutNext(Clause):
     strict: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the object to move is not a door."""
+        """Raise a WorldError if the object to move is described as a door."""
         if self.thing.kind == "door":
             raise WorldError(f"'put {self.thing} ...': a door cannot be carried")
 

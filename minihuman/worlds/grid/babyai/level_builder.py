@@ -46,8 +46,8 @@ _WORDS = {encoding.VERBS[verb]: words for words, verb in VERBS.items()}
 class LevelBuilder:
     """A grid of equal rooms to furnish. The agent stands in the middle room until it is placed.
 
-    The method `room` returns a room. If a method receives None for a room, kind, colour or lock, it is drawn in each
-    episode.
+    The method `room` returns a room. If a method receives None for a room, wall, kind, colour or lock, it is drawn in
+    each episode.
     """
 
     def __init__(self, columns: int, lines: int, size: int) -> None:
@@ -62,7 +62,7 @@ class LevelBuilder:
         self.keys_matter = False  # draw again where the instruction is about a key that opens a locked door
 
     def room(self, column: "int | RandomVariable", line: "int | RandomVariable") -> RandomVariable:
-        """Return the room at a column and a line."""
+        """Return the room at a column and a line, both counted from 0; raise a WorldError if there is no such room."""
         for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
             if isinstance(value, int) and not 0 <= value < count:
                 raise WorldError(
@@ -71,16 +71,16 @@ class LevelBuilder:
         return self._record(level_program.ROOM_AT, column, line)
 
     def integer(self, low: int, high: int) -> RandomVariable:
-        """Draw a whole number in [low, high)."""
+        """Return a whole number in [low, high) that is drawn in each episode."""
         return self._record(level_program.INTEGER, low, high)
 
     def any_room(self) -> RandomVariable:
-        """Draw a room: its column, then its line."""
+        """Return a room that is drawn in each episode: its column, then its line."""
         column = self.integer(0, self.columns)
         return self.room(column, self.integer(0, self.lines))
 
     def choice(self, options: Any) -> Any:
-        """Draw an object from a group, or one of up to seven words of one type (colours, places or kinds)."""
+        """Return an object drawn from a group, or one of up to seven words of one type (colours, places or kinds)."""
         if isinstance(options, list):  # of objects that were made one after the other
             options = ObjectGroup(options[0], options[-1])
         if isinstance(options, ObjectGroup):
@@ -89,7 +89,7 @@ class LevelBuilder:
         return self._record(level_program.OUT_OF, len(numbers), *numbers)
 
     def two_of(self, options: "ObjectGroup | Sequence[ObjectRef]") -> tuple[ObjectRef, ObjectRef]:
-        """Draw two different objects from a group."""
+        """Return two different objects drawn from a group, or from a sequence of objects made one after the other."""
         if isinstance(options, ObjectGroup):
             group = options
         else:
@@ -98,12 +98,12 @@ class LevelBuilder:
         return ObjectRef(register), ObjectRef(register + 1)
 
     def colours(self, count: int) -> tuple[RandomVariable, ...]:
-        """Draw ``count`` different colours."""
+        """Return ``count`` different colours that are drawn in each episode."""
         first = self._record(level_program.TWO_COLOURS, count, registers=count).argument
         return tuple(RandomVariable(first + k) for k in range(count))
 
     def place_agent(self, room: RandomVariable | None = None, *, not_in: RandomVariable | None = None) -> None:
-        """Place the agent in a room, looking in a random direction at an empty cell or a wall."""
+        """Place the agent in a room, or a random one but ``not_in``, so that it faces an empty cell or a wall."""
         self._record(level_program.AGENT_IN, _number_or_drawn(room), _number_or_drawn(not_in), registers=0)
 
     def connect_all(self, *, without: Any = None) -> None:
@@ -116,7 +116,7 @@ class LevelBuilder:
     def door(
         self, room: RandomVariable, wall: str | None = None, *, colour: Any = None, locked: bool | None = None
     ) -> ObjectRef:
-        """Put a door into a wall (right, down, left, up) of a room; return a reference to it."""
+        """Put a door into a wall (right, down, left, up) of a room, closed or ``locked``; return a reference to it."""
         at = -1 if wall is None else WALLS[wall]
         return self._record_object(
             level_program.DOOR_IN, room, at, _number_or_drawn(colour), -1 if locked is None else int(locked)
@@ -148,7 +148,10 @@ class LevelBuilder:
         different: bool = False,
         but_not_in: RandomVariable | None = None,
     ) -> ObjectGroup:
-        """Put ``count`` random keys, balls and boxes into a room, or each into a random room; return the group."""
+        """Put ``count`` random keys, balls and boxes into a room, or each into a random room; return their group.
+
+        With ``different``, no two objects of the layout are alike. If ``room`` is ``but_not_in``, none is put.
+        """
         if different and count > 3 * len(COLOURS):
             raise WorldError(
                 f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
@@ -166,7 +169,7 @@ class LevelBuilder:
         return ObjectGroup(ObjectRef(register), ObjectRef(register + 1))
 
     def any_door(self) -> ObjectRef:
-        """Draw one of the doors; return a reference to it."""
+        """Return a reference to one of the doors, drawn in each episode."""
         return self._record_object(level_program.ANY_DOOR)
 
     def recolour(self, group: ObjectGroup, colour: str) -> None:
@@ -178,10 +181,7 @@ class LevelBuilder:
         self._record(level_program.OPEN_DOORS, registers=0)
 
     def require_reachable(self, reachable: bool = True) -> None:
-        """Reject the layout unless every object can be reached without moving any.
-
-        If ``reachable`` is False, reject it unless some object cannot be reached.
-        """
+        """Reject the layout unless all objects are (if ``reachable`` is False: not all are) in reach through doors."""
         self._record(level_program.IN_REACH, int(not reachable), registers=0)
 
     def require_no(self, group: ObjectGroup, kind: str, colour: str) -> None:
@@ -189,17 +189,17 @@ class LevelBuilder:
         self._record(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
 
     def require_other(self, thing: RandomVariable, other: RandomVariable) -> None:
-        """Reject the layout if the two variables are equal."""
+        """Reject the layout if two variables, such as rooms, are equal in an episode."""
         self._record(level_program.GIVE_UP_UNLESS, thing, other, registers=0)
 
     def maybe_locked_room(self, chance: float) -> RandomVariable:
-        """With a given probability, lock a random room and put its key into another; return the room, or -1."""
+        """Lock a random room with a probability, and put its key into another; return the room, -1 if none is."""
         if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
             raise WorldError(f"locked_room_prob is {chance!r}; use a probability from 0 to 1")
         return self._record(level_program.LOCK_ROOM, ceil(chance * 2**53))  # draws are multiples of 2**-53
 
     def block(self, door: ObjectRef) -> ObjectRef:
-        """Put a ball of a random colour in front of a door, to its left."""
+        """Put a ball of a random colour into the cell to the left of a door; return a reference to the ball."""
         return self._record_object(level_program.BLOCK_DOOR, door)
 
     def boxed_key(self, room: RandomVariable, colour: Any) -> ObjectRef:
@@ -207,16 +207,16 @@ class LevelBuilder:
         return self._record_object(level_program.BOXED_KEY, room, colour)
 
     def maybe_swap(self, thing: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
-        """Swap two objects with probability 1/2."""
+        """Swap what two references stand for, with probability 1/2 in each episode; return both."""
         self._record(level_program.SWAP, thing, other, registers=0)
         return thing, other
 
     def give(self, thing: ObjectRef) -> None:
-        """Let the agent carry an object from the start."""
+        """Let the agent carry an object from the first step on."""
         self._record(level_program.HAND, thing, registers=0)
 
     def one_of(self, *alternatives: Any) -> AnyOf:
-        """Draw one of several instructions.
+        """Return a choice of several instructions, of which one is drawn in each episode.
 
         An alternative may be a function that returns the instruction; its random draws are made only if it is chosen.
         """
@@ -231,7 +231,7 @@ class LevelBuilder:
         implicit_unlock: bool,
         locked_room: RandomVariable,
     ) -> None:
-        """Draw a whole instruction about the objects in the rooms."""
+        """Draw a whole instruction about the objects in the rooms; the options are those of `levels.level_gen`."""
         for name, words, allowed in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
             if isinstance(words, str) or not 1 <= len(words) <= 4 or any(word not in allowed for word in words):
                 raise WorldError(f"{name} is {words!r}; give one to four of {', '.join(allowed)}")
@@ -242,7 +242,7 @@ class LevelBuilder:
         self._clauses = max(self._clauses, *({"action": 1, "and": 2, "seq": 4}[word] for word in kinds))
 
     def finish(self, instruction: "Instruction | AnyOf | None") -> None:
-        """Add to the program the instruction that the level's function returned."""
+        """Add to the program the instruction that the level's function returned; None adds nothing."""
         if isinstance(instruction, AnyOf):
             for k, alternative in enumerate(instruction.alternatives):
                 skip = len(self._operations)
@@ -284,7 +284,7 @@ class LevelBuilder:
         )
 
     def _encode_description(self, thing: ObjectDescription) -> tuple[int, int, int]:
-        """Return a description's kind, colour and place as arguments; record whether it has a place."""
+        """Return a description's kind, colour and place as arguments, ANY for None; record whether it has a place."""
         self._places |= thing.place is not None
         return (
             encoding.ANY if thing.kind is None else _number(thing.kind),
@@ -293,7 +293,7 @@ class LevelBuilder:
         )
 
     def space(self, *, any_mission: bool = False) -> InstructionSpace:
-        """Return the space of the sentences that this level can draw."""
+        """Return the space of the sentences that this level can draw; with ``any_mission``, of the whole language."""
         if any_mission or not self._verbs:
             return InstructionSpace()
         return InstructionSpace(*self._verbs, places=self._places, clauses=self._clauses)
@@ -317,7 +317,7 @@ class LevelBuilder:
         return ObjectRef(self._record(operation, *arguments).argument - IN_REGISTER)
 
     def _record(self, operation: int, *arguments: Any, registers: int = 1) -> RandomVariable:
-        """Record an operation with a number of registers for its results; return the variable in the first of them."""
+        """Record an operation that writes ``registers`` registers; return the variable of the first of them."""
         out = self._registers
         self._registers += registers
         if operation == level_program.ROOM_AT and all(isinstance(argument, int) for argument in arguments):
@@ -351,7 +351,7 @@ def _number_or_drawn(value: Any) -> int:
 
 
 def _pack(numbers: Sequence[int]) -> int:
-    """Pack a list of at most four numbers below 16: its length in the lowest four bits, then four bits per number."""
+    """Return up to four numbers below 16 as one: their count in the lowest four bits, then four bits per number."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
 
 
@@ -373,13 +373,13 @@ class LevelRecipe(Recipe):
         furnish(row, rng_state, self.program, self.fixed_mission)
 
     def limited(self, max_steps: int) -> "LevelRecipe":
-        """Return the recipe of the same level with another step limit for every episode."""
+        """Return the recipe of the same level with the step limit ``max_steps`` for every episode."""
         program = self.program.copy()
         program[0, level_program.STEPS_A_WALK] = 0
         return replace(self, max_steps=max_steps, program=program)
 
     def about(self, mission: str) -> "LevelRecipe":
-        """Return the recipe of the same level with a given mission.
+        """Return the recipe of the same level with the given mission in every episode.
 
         Raises:
             WorldError: if the sentence does not belong to the language or to the level's mission space.
@@ -408,7 +408,7 @@ class Level:
         return self.trace.__name__
 
     def _check_options(self, options: Mapping[str, Any]) -> None:
-        """Check that the level's function takes all options, and that no required option is missing."""
+        """Raise a WorldError unless the level's function takes all options, and no required option is missing."""
         parameters = inspect.signature(self.trace).parameters  # the first one is the builder
         for name in options:
             if name not in parameters:

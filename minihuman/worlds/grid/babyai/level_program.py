@@ -105,7 +105,7 @@ USE = 5  # a verb: open a door, pick up everything else
 
 @inline
 def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
-    """Return the value of an operation's argument; the module's docstring has its forms."""
+    """Return the value of an argument: a number, what a register holds, or the kind or colour of its object."""
     if argument < IN_REGISTER:
         return argument
     if argument >= COLOUR_IN:
@@ -117,8 +117,11 @@ def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
 
 @device_function()
 def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, count: int) -> None:
-    """Draw different colours into registers, each from the remaining ones in the order of their names."""
-    left = np.array((2, 1, 5, 3, 0, 4))  # colours, sorted by name
+    """Draw ``count`` different colours into the registers from the index ``out`` on.
+
+    Each is drawn from the remaining colours, in the order of their names.
+    """
+    left = np.array((2, 1, 5, 3, 0, 4))  # the colours that remain, sorted by name, as in SORTED_COLOURS
     for k in range(count):
         pick = integer(rng_state, 0, 6 - k)
         registers[out + k] = left[pick]
@@ -128,7 +131,7 @@ def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, co
 
 @device_function()
 def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None:
-    """Run the operation SAY of a line: write a clause with its first description into the instruction's block."""
+    """Run the operation SAY in a line of a program: write a clause with its first description into the block."""
     clause = block_of(row) + CLAUSES + line[2] * CLAUSE
     verb = line[3]
     kind = value(row, registers, line[4])
@@ -143,7 +146,7 @@ def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None
 
 @device_function()
 def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bool:
-    """Run a program; return False if it rejects the layout."""
+    """Run a program on a row that has walls alone; return False if it rejects the layout or finds no place in it."""
     columns = program[0, COLUMNS]
     size = program[0, SIZE]
     registers = np.zeros(REGISTERS, np.int64)
@@ -247,9 +250,10 @@ def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bo
 
 @device_function()
 def settle(row: Row, fixed_mission: Given, keys_matter: bool) -> bool:
-    """Bind the drawn or given instruction to the layout.
+    """Bind the drawn instruction, or ``fixed_mission`` if it is not empty, to the layout.
 
-    Return False if a description matches no object, or the instruction makes no sense there.
+    Return False if a description matches no object, the instruction makes no sense there, or a given instruction has an
+    article ("a" or "the") that is wrong there.
     """
     block = block_of(row)
     if len(fixed_mission) == 0:
@@ -270,7 +274,14 @@ def settle(row: Row, fixed_mission: Given, keys_matter: bool) -> bool:
 
 @kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])", only=True)
 def furnish(row: Row, rng_state: RngState, program: Program, fixed_mission: Given) -> None:
-    """Lay out an episode of a level: draw layouts until one is accepted. Mark the row as FAILED if none is."""
+    """Lay out an episode of a level: draw layouts until one is accepted. Mark the row as FAILED if none is.
+
+    Args:
+        row: the row of state, which is cleared first.
+        rng_state: the random stream.
+        program: the program of the level.
+        fixed_mission: the block of the episode's instruction; empty if it is drawn.
+    """
     columns = program[0, COLUMNS]
     lines = program[0, LINES]
     size = program[0, SIZE]

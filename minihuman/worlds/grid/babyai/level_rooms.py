@@ -96,7 +96,7 @@ def code_of(row: Row, identity: int) -> int:
 
 @device_function()
 def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
-    """Draw a room: its column, then its line."""
+    """Draw a room of a grid of rooms, its column, then its line; return its number, line * columns + column."""
     i = integer(rng_state, 0, columns)
     return integer(rng_state, 0, lines) * columns + i
 
@@ -105,7 +105,10 @@ def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
 def new_door(
     row: Row, rng_state: RngState, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: int
 ) -> int:
-    """Put a door into a wall of a room; return its identity, or 0 if that wall, or every wall, can have none."""
+    """Put a door into a wall of a room; return its identity, or 0 if that wall, or every wall, can have none.
+
+    ``wall``, ``colour`` and ``locked`` (0 or 1) may be DRAWN. If there is no place, mark the row as HOPELESS.
+    """
     if wall == DRAWN:
         possible = False
         for k in range(4):
@@ -129,7 +132,11 @@ def new_door(
 
 @device_function()
 def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, kind: int, colour: int) -> int:
-    """Put a key, ball or box into a random cell of a room, not next to the agent; return the object's identity."""
+    """Put a key, ball or box into a random cell of a room, not next to the agent; return the object's identity.
+
+    ``kind`` and ``colour`` may be DRAWN. ``columns`` is the number of rooms in a line, and ``size`` the number of cells
+    on a side of a room, including its walls.
+    """
     if kind == DRAWN:
         kind = draw_kind(rng_state, 3)
     if colour == DRAWN:
@@ -142,7 +149,7 @@ def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 def new_objects(
     row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool
 ) -> None:
-    """Put ``count`` random objects into a room, or each into a random room.
+    """Put ``count`` random objects into a room, or each into a random room if ``room`` is DRAWN.
 
     With ``unlike``, each new object differs in kind or colour from every object that lies in a cell.
     """
@@ -175,7 +182,11 @@ def is_there(row: Row, kind: int, colour: int) -> bool:
 
 @device_function()
 def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, barred: int) -> None:
-    """Put the agent into a room, or into a random one other than ``barred``, facing an empty cell or a wall."""
+    """Put the agent into a room, or into a random one other than ``barred`` if ``room`` is DRAWN.
+
+    The agent faces an empty cell or a wall. If ``barred`` is -1, no room is barred. If no cell is found, mark the row
+    as FAILED or HOPELESS. ``columns`` and ``size`` are as in `new_object`.
+    """
     lines = len(plan) // columns
     for _ in range(AGENT_TRIES):
         if room == DRAWN:
@@ -190,7 +201,7 @@ def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: 
 
 @device_function()
 def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
-    """Draw the agent's cell and direction in a room until it faces an empty cell or a wall."""
+    """Draw the agent's cell and direction in a room until it faces an empty cell or a wall; FAILED if none is found."""
     left = room % columns * (size - 1)
     top = room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
@@ -215,9 +226,9 @@ def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) 
 
 @device_function()
 def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, without: int) -> None:
-    """Add closed doors at random walls until all rooms are connected to the agent's.
+    """Add closed doors at random walls until all rooms are connected to the agent's; mark the row as FAILED if not.
 
-    None of the doors has the colour ``without``, unless that is DRAWN.
+    None of the doors has the colour ``without``; if that is DRAWN, they have any colours.
     """
     lines = len(plan) // columns
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
@@ -271,11 +282,14 @@ def all_in_reach(row: Row) -> bool:
 
 @device_function()
 def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
-    """Draw a door from a list that has each door twice, once per room; return its identity, or 0 if there is none."""
+    """Draw a door from a list that has each door twice, once per room; return its identity, or 0 if there is none.
+
+    Without a door, mark the row as HOPELESS.
+    """
     lines = len(plan) // columns
     pick = -1
     count = 0
-    for again in range(2):
+    for again in range(2):  # first count the doors, then find the one that was drawn
         if again:
             if count == 0:
                 row[FAILED] = HOPELESS
@@ -306,7 +320,7 @@ def open_doors(row: Row) -> None:
 
 @device_function()
 def recolour(row: Row, first: int, last: int, colour: int) -> None:
-    """Give a range of objects another colour."""
+    """Give the objects with the identities ``first`` to ``last`` that lie in cells another colour."""
     for identity in range(first, last + 1):
         cell = where_is(row, identity)
         if cell != NOWHERE:
@@ -315,7 +329,10 @@ def recolour(row: Row, first: int, last: int, colour: int) -> None:
 
 @device_function()
 def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> int:
-    """Put a locked door into a wall of a random room, and its key into another; return the locked room, or -1."""
+    """Put a locked door into a wall of a random room, and its key into another room; return the locked room.
+
+    If there is only one room, return -1 and mark the row as HOPELESS.
+    """
     lines = len(plan) // columns
     if len(plan) == 1:
         row[FAILED] = HOPELESS
@@ -336,7 +353,7 @@ def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: i
 
 @device_function()
 def block_door(row: Row, rng_state: RngState, door: int) -> int:
-    """Put a ball of a random colour to the left of a door; return its identity."""
+    """Put a ball of a random colour into the cell to the left of the door of identity ``door``; return the ball's."""
     colour = draw_colour(rng_state)
     cell = where_is(row, door)
     x = cell // row[HEIGHT] - 1
@@ -347,7 +364,7 @@ def block_door(row: Row, rng_state: RngState, door: int) -> int:
 
 @device_function()
 def boxed_key(row: Row, rng_state: RngState, columns: int, size: int, room: int, colour: int) -> int:
-    """Put a box of a random colour that contains a key into a room; return the box's identity."""
+    """Put a box of a random colour, with a key of ``colour`` in it, into a room; return the box's identity."""
     key = make(row, KEY, colour, 0)
     box = make(row, BOX, draw_colour(rng_state), 0)
     row[contents_index(row, identity_of(box))] = key
@@ -368,7 +385,7 @@ _KINDS = (BOX, BALL, KEY, DOOR)  # what is described; the first three can be car
 
 @inline
 def one_of_list(rng_state: RngState, packed: int) -> int:
-    """Draw from a packed list: the lowest four bits contain its length, and every four bits after them a number."""
+    """Return a number drawn from a packed list: its length in the lowest four bits, then four bits per number."""
     return packed >> 4 + 4 * integer(rng_state, 0, packed & 15) & 15
 
 
@@ -384,7 +401,7 @@ def describe(
     columns: int,
     size: int,
 ) -> None:
-    """Draw a description of an object of the first ``kinds`` kinds, or a door if 0; write it to the row at ``at``."""
+    """Write to the row at ``at`` a random description of one of the first ``kinds`` of `_KINDS`, or a door if 0."""
     for _ in range(DESCRIBE_TRIES):
         colour_number = integer(rng_state, 0, 7)
         if colour_number == 0:
@@ -418,7 +435,7 @@ def describe(
 
 @device_function()
 def kinds_described(verb: int) -> int:
-    """Return the number of kinds, counted from the first, among which a verb's object is drawn; 0 for a door."""
+    """Return how many of `_KINDS`, counted from the first, are drawn for a verb's object; 0 if it must be a door."""
     if verb == GO_TO:
         return 4
     if verb == OPEN:

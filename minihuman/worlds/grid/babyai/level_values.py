@@ -47,7 +47,7 @@ class ObjectRef:
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """A group of objects that are made one after the other."""
+    """A group of objects that are made one after the other: the ``first``, the ``last`` and all between them."""
 
     first: ObjectRef
     last: ObjectRef
@@ -64,7 +64,12 @@ class Use(Clause):
 
 @dataclass(frozen=True, slots=True)
 class AnyOf:
-    """One of several instructions, which is drawn in every episode."""
+    """One of several instructions, which is drawn in every episode.
+
+    Attributes:
+        selected: the variable with the index of the alternative that is drawn.
+        alternatives: the instructions, or functions that return them.
+    """
 
     selected: RandomVariable
     alternatives: tuple[Any, ...]

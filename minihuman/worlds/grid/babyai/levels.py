@@ -30,7 +30,7 @@ MOST_THINGS = 1000
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room with the red ball and grey objects; the task is to go to the ball."""
+    """Lay out one room with the red ball and ``num_dists`` grey objects; the task is to go to the ball."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.recolour(builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS)), "grey")
@@ -40,7 +40,7 @@ def go_to_red_ball_grey(builder: LevelBuilder, num_dists: int = 7) -> Instructio
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room with a red ball and other objects; the task is to go to the ball."""
+    """Lay out one room with a red ball and ``num_dists`` other objects; the task is to go to the ball."""
     builder.place_agent()
     ball = builder.thing(builder.room(0, 0), "ball", "red")
     builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
@@ -66,7 +66,7 @@ def go_to_obj(builder: LevelBuilder) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
-    """Lay out one room with objects; the task is to go to one of them."""
+    """Lay out one room with ``num_dists`` objects; the task is to go to one of them."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
     builder.require_reachable()
@@ -75,7 +75,10 @@ def go_to_local(builder: LevelBuilder, num_dists: int = 8) -> Instruction:
 
 @level()
 def go_to(builder: LevelBuilder, num_dists: int = 18, doors_open: bool = False) -> Instruction:
-    """Lay out several rooms with objects; the task is to go to one of them."""
+    """Lay out several rooms with ``num_dists`` objects in all; the task is to go to one of them.
+
+    With ``doors_open``, all doors are open at the start.
+    """
     builder.place_agent()
     builder.connect_all()
     things = builder.things(check_whole("num_dists", num_dists, 1, MOST_THINGS))
@@ -108,7 +111,7 @@ def go_to_imp_unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def go_to_red_blue_ball(builder: LevelBuilder, num_dists: int = 7) -> Instruction:
-    """Lay out one room with objects; the task is to go to the red or the blue ball."""
+    """Lay out one room with ``num_dists`` objects and a red or a blue ball; the task is to go to this ball."""
     builder.place_agent()
     things = builder.things(check_whole("num_dists", num_dists, 0, MOST_THINGS))
     for colour in ("red", "blue"):
@@ -163,7 +166,7 @@ def open_red_door(builder: LevelBuilder) -> Instruction:
 def open_door(builder: LevelBuilder, debug: bool = False, select_by: str | None = None) -> Instruction | None:
     """Lay out the middle room with four doors; the task is to open one, given by its colour or place.
 
-    With ``debug``, opening another door is a failure.
+    ``select_by`` is "color" or "loc", or None to draw one of them. With ``debug``, opening another door is a failure.
     """
     strict = check_bool("debug", debug)
     select_by = check_one_of("select_by", select_by, ("color", "loc", None))
@@ -193,7 +196,7 @@ def open_two_doors(
 ) -> Instruction:
     """Lay out the middle room; the task is to open its left door, then its right door.
 
-    With ``strict``, opening the wrong door first is a failure.
+    The colours of the doors are drawn unless given. With ``strict``, opening the wrong door first is a failure.
     """
     first_drawn, second_drawn = builder.colours(2)
     first = first_drawn if check_one_of("first_color", first_color, (*COLOURS, None)) is None else first_color
@@ -207,7 +210,7 @@ def open_two_doors(
 
 @level(room=6, steps_by_area=20, fixed=("room_size",))
 def open_doors_order(builder: LevelBuilder, num_doors: int, debug: bool = False) -> AnyOf:
-    """Lay out the middle room; the task is to open one door, or two in order.
+    """Lay out the middle room with ``num_doors`` doors; the task is to open one, or two in order.
 
     With ``debug``, opening the wrong door is a failure.
     """
@@ -242,7 +245,10 @@ def unlock(builder: LevelBuilder, sound: bool = False) -> Instruction:
 
 @level()
 def unlock_local(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """Lay out the middle room with a locked door and its key; the task is to open the door."""
+    """Lay out the middle room with a locked door and its key; the task is to open the door.
+
+    With ``distractors``, three other objects lie in the room.
+    """
     middle = builder.room(1, 1)
     door = builder.door(middle, locked=True)
     builder.thing(middle, "key", door.colour)
@@ -264,7 +270,10 @@ def key_in_box(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, columns=2, lines=1, fixed=ALL)
 def unlock_pickup(builder: LevelBuilder, distractors: bool = False) -> Instruction:
-    """Lay out two rooms; the task is to pick up a box behind a locked door."""
+    """Lay out two rooms; the task is to pick up a box behind a locked door.
+
+    With ``distractors``, four other objects lie in the rooms.
+    """
     box = builder.thing(builder.room(1, 0), "box")
     left = builder.room(0, 0)
     door = builder.door(left, "right", locked=True)
@@ -370,7 +379,7 @@ def find_obj(builder: LevelBuilder) -> Instruction:
 
 @level(room=6, steps_by_area=30)
 def key_corridor(builder: LevelBuilder, obj_type: str = "ball") -> Instruction:
-    """Lay out a corridor between rooms; the task is to pick up an object behind a locked door.
+    """Lay out a corridor between rooms; the task is to pick up an object of kind ``obj_type`` behind a locked door.
 
     The key is in a room on the other side of the corridor.
     """
@@ -397,7 +406,7 @@ def action_obj_door(builder: LevelBuilder) -> AnyOf:
 
 @level(columns=1, lines=1, fixed=ONE_ROOM)
 def put_next_local(builder: LevelBuilder, num_objs: int = 8) -> Instruction:
-    """Lay out one room with different objects; the task is to put one of them next to another."""
+    """Lay out one room with ``num_objs`` different objects; the task is to put one of them next to another."""
     builder.place_agent()
     things = builder.things(check_whole("num_objs", num_objs, 2, 18), different=True)
     builder.require_reachable()
@@ -407,7 +416,10 @@ def put_next_local(builder: LevelBuilder, num_objs: int = 8) -> Instruction:
 
 @level(room=5, columns=2, lines=1, steps_by_area=8, fixed=ONE_ROOM)
 def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = False) -> Instruction:
-    """Lay out two rooms without a wall between them; the task is to put an object next to one of the other room."""
+    """Lay out two rooms without a wall between them; the task is to put an object next to one of the other room.
+
+    Each room has ``objs_per_room`` objects. With ``start_carrying``, the agent carries the object from the start.
+    """
     left = builder.room(0, 0)
     right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 1, 9)
@@ -423,7 +435,10 @@ def put_next(builder: LevelBuilder, objs_per_room: int, start_carrying: bool = F
 
 @level(room=5, columns=2, lines=1, steps_by_area=16, fixed=ONE_ROOM)
 def move_two_across(builder: LevelBuilder, objs_per_room: int) -> Instruction:
-    """Lay out two rooms without a wall between them; the task is to put an object of each next to one of the other."""
+    """Lay out two rooms without a wall between them; the task is to put an object of each next to one of the other.
+
+    Each room has ``objs_per_room`` objects.
+    """
     left = builder.room(0, 0)
     right = builder.room(1, 0)
     count = check_whole("objs_per_room", objs_per_room, 2, 9)
@@ -447,7 +462,18 @@ def level_gen(
     action_kinds: Sequence[str] = ("goto", "pickup", "open", "putnext"),
     instr_kinds: Sequence[str] = ("action", "and", "seq"),
 ) -> None:
-    """Lay out several rooms, one of which may be locked; the task is any random instruction."""
+    """Lay out several rooms, one of which may be locked; the task is any random instruction.
+
+    Args:
+        builder: the rooms.
+        num_dists: the number of objects in all rooms, apart from the key of the locked room.
+        locked_room_prob: the probability that a room is locked.
+        locations: whether objects may be described by their place.
+        unblocking: whether objects may block the way, and no instruction is about the key of the locked room.
+        implicit_unlock: whether an instruction may require the locked room to be opened without naming its door.
+        action_kinds: the verbs of the instruction.
+        instr_kinds: the forms of the instruction: one clause, two in any order, or two parts in a given order.
+    """
     for name, value in (("locations", locations), ("unblocking", unblocking), ("implicit_unlock", implicit_unlock)):
         check_bool(name, value)
     locked = builder.maybe_locked_room(locked_room_prob)

@@ -71,7 +71,7 @@ _DONE = 6
 
 @device_function()
 def note_places(row: Row) -> None:
-    """Record the current cell of every object that matches a description."""
+    """Record in each cell's number which descriptions match the object that now lies in the cell."""
     noted = noted_of(row)
     means = means_of(row)
     row[noted : noted + row[WIDTH] * row[HEIGHT]] = 0
@@ -83,7 +83,7 @@ def note_places(row: Row) -> None:
 
 @kernel("(int32[::1],)")
 def hand_over(row: Row) -> None:
-    """Put the object that the agent carries from the start into its hand, after the first observation."""
+    """Put the object that the agent carries from the start, if any, into its hand, after the first observation."""
     at = block_of(row) + HANDED
     identity = row[at]
     if identity > 0:
@@ -94,7 +94,7 @@ def hand_over(row: Row) -> None:
 
 @inline
 def is_any_gone(row: Row) -> bool:
-    """Return whether an object lies in no cell."""
+    """Return whether any object lies in no cell: one that is carried, in a box or gone."""
     gone = 0
     for k in range(row[OBJECTS]):
         gone += where_is(row, k + 1) == NOWHERE
@@ -103,7 +103,7 @@ def is_any_gone(row: Row) -> bool:
 
 @device_function(force_inline=True)
 def verify(row: Row, action: int, noted: bool) -> int:
-    """Judge the step just made by the instruction; return WAITING, SATISFIED or BROKEN.
+    """Judge by the instruction the step that led to this state; return WAITING, SATISFIED or BROKEN.
 
     With ``noted``, nothing was carried before the step, so the recorded places of objects in cells are up to date.
     """
@@ -140,7 +140,7 @@ def verify(row: Row, action: int, noted: bool) -> int:
 
 @inline
 def part_is_done(row: Row, first: int, clauses: int) -> bool:
-    """Return whether every clause of a part is satisfied."""
+    """Return whether every clause of a part is satisfied: ``clauses`` clauses from the number ``first`` on."""
     satisfied = True
     for k in range(first, first + clauses):
         satisfied &= row[block_of(row) + CLAUSES + k * CLAUSE + STATUS] == SATISFIED
@@ -149,7 +149,10 @@ def part_is_done(row: Row, first: int, clauses: int) -> bool:
 
 @device_function()
 def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
-    """Judge a step by one clause, or by two in any order, and return the status; failing one of two is ignored."""
+    """Judge a step by a part, the one or two clauses from the number ``first`` on, and return the part's status.
+
+    A failure of a part of two clauses counts only if "done" is said when neither of them was just carried out.
+    """
     if clauses == 1:
         return judge_clause(row, first, action)
     broken = 0
@@ -165,7 +168,7 @@ def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
 
 @device_function()
 def judge_clause(row: Row, k: int, action: int) -> int:
-    """Judge a step by one clause; record and return the status: WAITING, SATISFIED or BROKEN."""
+    """Judge a step by clause number ``k``; record and return its status: WAITING, SATISFIED or BROKEN."""
     clause = block_of(row) + CLAUSES + k * CLAUSE
     if row[block_of(row) + FLAGS] & SAY_DONE:
         if action == _DONE:
@@ -186,7 +189,10 @@ def judge_clause(row: Row, k: int, action: int) -> int:
 
 @device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
-    """Return the status that a step gives to a clause: WAITING, SATISFIED or BROKEN; record what the agent carries."""
+    """Return the status that a step gives to a clause: WAITING, SATISFIED or BROKEN; record what the agent carries.
+
+    ``clause`` is the index in the row at which the clause begins, and ``k`` is the clause's number.
+    """
     verb = row[clause + VERB]
     strict = row[clause + STRICT]
     meant = 1 << 2 * k  # bit of the first description
@@ -224,7 +230,10 @@ def does(row: Row, clause: int, k: int, action: int) -> int:
 
 @device_function()
 def is_beside(row: Row, cell: int, meant: int) -> bool:
-    """Return whether a matching object was noted to the right of, below, to the left of or above a cell."""
+    """Return whether an object was noted in one of the four cells next to a cell that matches a description ``meant``.
+
+    Bit ``d`` of ``meant`` stands for description ``d``.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
     noted = noted_of(row)
@@ -243,7 +252,7 @@ _NO_CHANCE = np.zeros(6, np.uint64)  # in place of the random stream
 
 @kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
-    """Run `core.rules.step` for a row that has space for an instruction."""
+    """Make one step and observe its result as `core.rules.step` does, in a row that has space for an instruction."""
     status, reward = act_instructed(row, action, rng_state)
     if status >= 0:
         see(row, image)
@@ -252,15 +261,15 @@ def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[n
 
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
-    """Run `core.rules.act` for a row that has space for an instruction."""
+    """Make one step as `core.rules.act` does, in a row that has space for an instruction; return status and reward."""
     return act_unedited(row, action, rng_state, False)
 
 
 @device_function(force_inline=True)
 def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> tuple[int, float]:
-    """Run `act_instructed`; if the row is ``unedited``, record places only when they can have changed.
+    """Make one step as `act_instructed` does; return the status and the reward.
 
-    An unedited row was changed by steps alone.
+    If the row is ``unedited``, that is, changed by steps alone, places are recorded only when they can have changed.
     """
     if row[TASK] != INSTRUCTED:
         return act(row, action, rng_state)

@@ -15,7 +15,7 @@ The rules of moves, which `docs/team-worlds.md` repeats for readers:
 
 The order begins with the body whose number is the number of steps taken so far, modulo the number of bodies.
 
-Tasks of teams, beside `rewards.REACH` (a body on any goal ends the episode and earns the reward):
+Tasks of teams, in addition to `rewards.REACH` (a body on any goal ends the episode and earns the reward):
 
 - `OWN_GOALS`: each body earns the reward on reaching the goal of its colour, and stays there; when all are there, the
   episode ends.
@@ -97,13 +97,16 @@ def body_index(row: Row, body: int) -> int:
 
 @kernel("int64(int32[::1])", only=True)
 def count_bodies(row: Row) -> int:
-    """Return the number of bodies in the row."""
+    """Return the number of bodies in a team's row of state."""
     return 1 + (len(row) - HEADER - 3 * row[WIDTH] * row[HEIGHT]) // BLOCK
 
 
 @device_function("void(int32[::1], int64)")
 def exchange(row: Row, body: int) -> None:
-    """Exchange a body with the one in the header, where the rules for one body apply. Doing it twice has no effect."""
+    """Exchange the numbers of a body and of the one in the header, to which the rules for one body apply.
+
+    A second exchange undoes the first.
+    """
     at = body_index(row, body)
     for k in range(4):
         row[X + k], row[at + k] = row[at + k], row[X + k]
@@ -121,14 +124,14 @@ def body_at(row: Row, bodies: int, x: int, y: int) -> int:
 
 @device_function("UniTuple(int64, 2)(int32[::1], int64)")
 def cell_before(row: Row, body: int) -> tuple[int, int]:
-    """Return the cell in front of a body."""
+    """Return the column and row of the cell in front of a body; it may lie outside the grid."""
     at = body_index(row, body)
     return ahead(row[at], row[at + 1], row[at + 2])
 
 
 @device_function("boolean(int32[::1], int64)")
 def is_home(row: Row, body: int) -> bool:
-    """Return whether a body stands on the goal of its colour in a world with that task."""
+    """Return whether the task is OWN_GOALS and a body stands on the goal of its colour."""
     at = body_index(row, body)
     code = cell_at(row, row[at], row[at + 1])
     return row[TASK] == OWN_GOALS and kind_of(code) == GOAL and colour_of(code) == BODY_COLOURS[body]
@@ -136,14 +139,18 @@ def is_home(row: Row, body: int) -> bool:
 
 @device_function("boolean(int32[::1], int64)")
 def holds_load(row: Row, body: int) -> bool:
-    """Return whether a body holds the load."""
+    """Return whether the task is CARRY and a body holds the load."""
     carried = row[body_index(row, body) + 3]
     return row[TASK] == CARRY and carried != EMPTY and identity_of(carried) == row[TARGET]
 
 
 @device_function()
 def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
-    """Return a body's action, or STAY if its task keeps it in place."""
+    """Return a body's action, or STAY if the task keeps the body in place.
+
+    It does so for the seeker during the head start, for a body on its goal, and for one that holds the load, unless it
+    lets go. ``actions`` has one action per body.
+    """
     waits = row[TASK] == HIDE and body == 0 and row[STEP] <= row[TARGET]
     if waits or is_home(row, body) or (holds_load(row, body) and actions[body] != DROP):
         return STAY
@@ -213,7 +220,7 @@ def heading(row: Row, body: int, action: int) -> int:
 
 @device_function()
 def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
-    """Move the load and the two bodies that hold it if they agree; return whether it came to a goal."""
+    """Move the load and the two bodies that hold it if their actions agree; return whether the load came to a goal."""
     bodies = len(actions)
     carrier = partner = -1
     for body in range(bodies):
@@ -259,7 +266,10 @@ def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
 
 @device_function()
 def use_hands(row: Row, body: int, action: int) -> None:
-    """Apply a body's hand action to the cell in front of it. The load is only grasped or let go, and stays there."""
+    """Apply a body's hand action to the cell in front of it, unless another body stands there.
+
+    "pickup" and "drop" grasp the load and let go of it, while the load itself stays in its cell.
+    """
     at = body_index(row, body)
     x, y = cell_before(row, body)
     if row[TASK] == CARRY and identity_of(cell_at(row, x, y)) == row[TARGET]:
@@ -275,7 +285,7 @@ def use_hands(row: Row, body: int, action: int) -> None:
 
 @device_function()
 def turn_bodies(row: Row, actions: NDArray[np.int64]) -> None:
-    """Turn the bodies whose action is a turn."""
+    """Turn the bodies whose action is a turn; ``actions`` has one action per body."""
     for body in range(len(actions)):
         action = free_action(row, actions, body)
         if action <= RIGHT:
@@ -287,7 +297,8 @@ def turn_bodies(row: Row, actions: NDArray[np.int64]) -> None:
 def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
     """Make one joint step without observations, and write each body's reward into ``rewards``.
 
-    Return the status as `rules.step` does.
+    ``actions`` has one action per body. Return the status as `rules.step` does. The rewards of the task HIDE, which
+    depend on views, are written by `step_team`.
     """
     bodies = len(actions)
     if row[PHASE] != PLAYING:
@@ -323,9 +334,9 @@ def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64])
 
 @kernel("(int32[::1], int64, uint8[:, :, ::1])", hold_gil=True)
 def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
-    """Fill ``image`` with a body's view, as `view.see` does. Other bodies appear as agents in their colours.
+    """Fill ``image`` with a body's view, as `view.see` does. The other bodies appear as agents in their colours.
 
-    Their direction is relative to the viewer's: 3 (up) is the direction in which the viewer looks.
+    The state of such an agent's cell is its direction relative to the viewer's: 3 (up) if both look the same way.
     """
     bodies = count_bodies(row)
     exchange(row, body)
@@ -334,6 +345,7 @@ def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
         cell = HEADER + row[at] * row[HEIGHT] + row[at + 1]
         facing = (row[at + 2] - row[DIRECTION] + 3) % 4
         row[at + SCRATCH] = row[cell]
+        # the code of an agent; after the exchange, body 0 is in the place of the viewer
         row[cell] = AGENT | BODY_COLOURS[0 if k == body else k] << 4 | facing << 7
     see(row, image)
     for k in range(bodies - 1, 0, -1):

@@ -17,7 +17,8 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction, inside the grid or not. ``direction ^ 2`` is the opposite direction."""
+    """Return the column and row of the next cell in a direction, in the grid or not; ``direction ^ 2`` is opposite."""
+    # as in STEPS: for x, 1 in direction 0 and -1 in direction 2; for y, 1 in direction 1 and -1 in direction 3
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 
@@ -38,7 +39,14 @@ RED_LAVA = LAVA | RED << 4
 
 @inline
 def pack(kind: int, colour: int, state: int, identity: int) -> int:
-    """Return the code of a cell with these properties; ``identity`` is 0 for scenery."""
+    """Return the code of a cell with these properties.
+
+    Args:
+        kind: the index of the kind in KINDS.
+        colour: the index of the colour in COLOURS.
+        state: the index of a door's state in DOOR_STATES; 0 for everything else.
+        identity: the number of the object in the world, from 1; 0 for scenery.
+    """
     return kind | colour << 4 | state << 7 | identity << 9
 
 
@@ -80,20 +88,20 @@ def in_colour(code: int, colour: int) -> int:
 
 @inline
 def look_of(code: int) -> int:
-    """Return the kind and state in a code, without colour and identity: ``kind | state << 4``."""
+    """Return the kind and state in a cell's code, without colour and identity: ``kind | state << 4``."""
     return code & 15 | code >> 3 & 48
 
 
 @inline
 def lets_pass(code: int) -> bool:
-    """Return whether the agent can stand in a cell with this code."""
+    """Return whether the agent can stand in a cell with this code, if its kind is one of KINDS."""
     kind = kind_of(code)
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state_of(code) == OPEN)
 
 
 @inline
 def can_be_carried(code: int) -> bool:
-    """Return whether the agent can pick up an object with this code."""
+    """Return whether the agent can pick up an object with this code, if its kind is one of KINDS."""
     kind = kind_of(code)
     return kind == KEY or kind == BALL or kind == BOX
 

@@ -36,7 +36,7 @@ SOUP_TAKEN = 5.0
 
 
 def kitchen_row_length(width: int, height: int, cooks: int) -> int:
-    """Return the length of the row of state of a kitchen."""
+    """Return the length of the row of state of a kitchen of ``width`` by ``height`` cells."""
     return COOK + 4 * cooks + 2 * width * height
 
 
@@ -52,6 +52,7 @@ def soup(onions: int, tomatoes: int, clock: int) -> int:
 
     The clock is -1 before the soup cooks, and afterwards the number of steps for which it has cooked.
     """
+    # the kind is in bits 0 to 2, onions in 3 and 4, tomatoes in 5 and 6, and the clock plus 1 above them
     return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
 
 
@@ -87,19 +88,19 @@ def recipe_of(thing: int) -> int:
 
 @device_function()
 def is_ready(row: Row, thing: int) -> bool:
-    """Return whether a soup has finished cooking."""
+    """Return whether a soup has finished cooking; ``thing`` is the number that encodes it."""
     return clock_of(thing) >= row[TIMES + recipe_of(thing)]
 
 
 @inline
 def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
-    """Return the next cell in a direction (up, down, right or left)."""
+    """Return the column and row of the next cell in a direction: UP, DOWN, RIGHT or LEFT."""
     return x + (direction == RIGHT) - (direction == LEFT), y + (direction == DOWN) - (direction == UP)
 
 
 @device_function()
 def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
-    """Return the cell in which a cook stands after its action if no other cook blocks it."""
+    """Return the column and row in which a cook stands after its action if no other cook blocks it."""
     at = COOK + 4 * cook
     x = row[at]
     y = row[at + 1]
@@ -112,7 +113,7 @@ def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
 
 @device_function()
 def use_pot(row: Row, at: int, thing_at: int) -> float:
-    """Apply a cook's interaction with a pot; return the shaping reward.
+    """Apply a cook's interaction with a pot; return the shaping reward that it earns, or 0.
 
     Args:
         row: the state.
@@ -166,7 +167,8 @@ def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64
         row: the state.
         cook: the number of the cook.
         active_pots: the number of active pots at the start of the step.
-        outcomes: receives what is earned, added to the reward of the cook's deliveries and to its shaping reward.
+        outcomes: float64[2 * cooks]; what is earned is added to the reward of the cook's deliveries (index ``cook``)
+            and to its shaping reward (index ``cooks + cook``).
     """
     cooks = row[COOKS]
     at = COOK + 4 * cook
@@ -246,7 +248,7 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
     Args:
         row: the state.
         actions: one action per cook.
-        outcomes: receives the reward of each cook's deliveries, then each cook's shaping reward.
+        outcomes: float64[2 * cooks]; receives the reward of each cook's deliveries, then each cook's shaping reward.
         images: receives each cook's observation, as `observe` writes it.
 
     Returns:
@@ -279,20 +281,26 @@ def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.floa
 
 @device_function()
 def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], at: int) -> None:
-    """Write an object into the layers of its cell.
+    """Write an object into the layers of its cell in an observation.
 
-    The layers begin at the index ``at``: onions and tomatoes in waiting pots, then the layers that follow in `observe`.
+    Args:
+        row: the state.
+        thing: the number of the object.
+        in_pot: whether the object is in a pot.
+        image: the observation, uint8[width * height * layers].
+        at: the index of the cell's first layer about objects: onions in waiting pots. The others follow in the order of
+            `observe`.
     """
     kind = kind_of(thing)
     if kind == SOUP:
         clock = clock_of(thing)
-        cooked = 2 if clock >= 0 or not in_pot else 0
+        cooked = 2 if clock >= 0 or not in_pot else 0  # two layers for waiting pots, then two for all other soups
         image[at + cooked] = onions_in(thing)
         image[at + cooked + 1] = tomatoes_in(thing)
         if in_pot and clock >= 0:
             image[at + 4] = max(0, row[TIMES + recipe_of(thing)] - clock)
         if not in_pot or (clock >= 0 and is_ready(row, thing)):
-            image[at + 5] = 1
+            image[at + 5] = 1  # finished
     elif kind == DISH:
         image[at + 6] = 1
     elif kind == ONION:
@@ -303,7 +311,7 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
 
 @device_function()
 def layer_of_cook(cook: int, viewer: int) -> int:
-    """Return the layer that shows where a cook is in a viewer's observation. The viewer's own layer is the first."""
+    """Return the index of the layer that shows where ``cook`` is in the observation of ``viewer``, itself first."""
     return 0 if cook == viewer else cook + (cook < viewer)
 
 
@@ -328,11 +336,11 @@ def observe(row: Row, images: NDArray[np.uint8]) -> None:
         terrain = row[terrains + cell]
         thing = row[terrains + cells + cell]
         if terrain != FLOOR:
-            first[base + terrain - 1] = 1
+            first[base + terrain - 1] = 1  # a layer for each terrain but the floor
             if thing != NOTHING:
                 observe_thing(row, thing, terrain == POT, first, base + 6)
         if urgent:
-            first[base + 15] = 1
+            first[base + 15] = 1  # the last layer
     for cook in range(cooks):
         at = COOK + 4 * cook
         if row[at + 3] != NOTHING:
@@ -368,7 +376,7 @@ def step_kitchens(
         rows: the states, one row per kitchen.
         start: the state at the beginning of an episode.
         actions: one action per kitchen and cook.
-        outcomes: receives the rewards of each kitchen.
+        outcomes: receives the rewards of each kitchen, float64[kitchens, 2 * cooks], as in `step_kitchen`.
         images: receives the observations of each kitchen.
         ends: receives whether each kitchen's episode ended.
 

@@ -42,7 +42,10 @@ def outer_walls(row: Row) -> None:
 
 @inline
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether any cell of a rectangle is free. If none is, drawing cells until one is free would not end."""
+    """Return whether any cell of a rectangle with the top left cell (x, y) is free: empty, and without the agent.
+
+    If none is, drawing cells until one is free would not end.
+    """
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
         for j in range(max(y, 0), min(max(y, 0) + height, row[HEIGHT])):
             if row[HEADER + i * row[HEIGHT] + j] == EMPTY and not (i == row[X] and j == row[Y]):
@@ -52,9 +55,10 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
 
 @kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
-    """Draw cells of a rectangle, at most ``tries``, until one is free, and return it.
+    """Draw cells of a rectangle with the top left cell (x, y), at most ``tries``, until one is free, and return it.
 
-    If none is free, return (-1, -1) and mark the row as FAILED.
+    A cell is free if it is empty and the agent does not stand there. If no free cell was drawn, return (-1, -1) and
+    mark the row as FAILED.
     """
     x = max(x, 0)
     y = max(y, 0)
@@ -82,13 +86,13 @@ def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, 
 
 @inline
 def place_anywhere(row: Row, rng_state: RngState, code: int) -> tuple[int, int]:
-    """Put a code into a random free cell of the whole grid; return the cell, as `place` does."""
+    """Put a code into a random free cell of the whole grid; return the cell, or (-1, -1) as `place` does."""
     return place(row, rng_state, code, 0, 0, row[WIDTH], row[HEIGHT])
 
 
 @inline
 def stand(row: Row, x: int, y: int, direction: int) -> None:
-    """Put the agent into a cell, looking in a direction."""
+    """Put the agent into the cell (x, y), which is not checked, looking in a direction."""
     row[X] = x
     row[Y] = y
     row[DIRECTION] = direction
@@ -96,7 +100,7 @@ def stand(row: Row, x: int, y: int, direction: int) -> None:
 
 @kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)", only=True)
 def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int) -> None:
-    """Put the agent into a random free cell of a rectangle, looking in a random direction.
+    """Put the agent into a random free cell of a rectangle with the top left cell (x, y), in a random direction.
 
     If none is free, mark the row as FAILED.
     """
@@ -107,5 +111,5 @@ def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, heigh
 
 @inline
 def place_agent_anywhere(row: Row, rng_state: RngState) -> None:
-    """Put the agent into a random free cell of the whole grid, looking in a random direction."""
+    """Put the agent into a random free cell of the whole grid, looking in a random direction, as `place_agent` does."""
     place_agent(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT])

@@ -1,4 +1,4 @@
-"""Rewards and ends: which steps end an episode and what they earn, beside reaching a goal and stepping into lava.
+"""Rewards and ends: which steps end an episode and what they earn, apart from reaching a goal and stepping into lava.
 
 A task is a number in the state with up to six parameters (`TARGET`), so one kernel serves every world. Success earns
 1 - 0.9 * step / max_steps. The rules for BabyAI's instructions are in `babyai.verifier`.
@@ -31,7 +31,7 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
     REACH,  # nothing more than goal and lava
     PICK,  # pick up the object of identity TARGET
     FETCH,  # pick up an object of kind TARGET and colour TARGET+1; any other ends the episode
-    STAND_BY,  # say "done" beside the cell TARGET, TARGET+1; "toggle" ends the episode
+    STAND_BY,  # say "done" next to the cell TARGET, TARGET+1; "toggle" ends the episode
     MATCH,  # go to the cell TARGET, TARGET+1; the cell TARGET+2, TARGET+3 fails; "pickup" only toggles
     PUT_NEAR,  # drop the object of kind TARGET, colour TARGET+1 near the cell TARGET+2, TARGET+3
     IN_ORDER,  # open the door at TARGET, TARGET+1, then the one at TARGET+2, TARGET+3
@@ -49,13 +49,13 @@ def success_reward(row: Row) -> float:
 
 @kernel("UniTuple(int64, 2)(int32[::1])", "UniTuple(int64, 2)(int16[::1])", only=True)
 def cell_in_front(row: Row) -> tuple[int, int]:
-    """Return the cell in front of the agent."""
+    """Return the column and row of the cell in front of the agent; it may lie outside the grid."""
     return ahead(row[X], row[Y], row[DIRECTION])
 
 
 @kernel("boolean(int32[::1], int64, int64)", "boolean(int16[::1], int64, int64)", only=True)
 def is_open(row: Row, x: int, y: int) -> bool:
-    """Return whether a cell has an open door."""
+    """Return whether the cell (x, y) has an open door."""
     code = cell_at(row, x, y)
     return kind_of(code) == DOOR and state_of(code) == OPEN
 
@@ -68,13 +68,16 @@ def _reward_if(row: Row, succeeds: bool) -> float:
 
 @device_function()
 def _is_target_look(row: Row, code: int) -> bool:
-    """Return whether an object has the kind and colour that the task requires."""
+    """Return whether the object with this code has the kind and colour that the task requires."""
     return kind_of(code) == row[TARGET] and colour_of(code) == row[TARGET + 1]
 
 
 @device_function()
 def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, where the task is to say "done" beside a cell."""
+    """Return the reward and whether the episode ends, where the task is to say "done" next to a cell.
+
+    ``reward`` and ``ended`` are what goals and lava imply, as in `reward_and_done`.
+    """
     if action == DONE:
         distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
         return success_reward(row) if distance == 1 else reward, True
@@ -85,7 +88,10 @@ def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[
 
 @device_function()
 def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, if the task is to go to the one of two objects that matches."""
+    """Return the reward and whether the episode ends, if the task is to go to the one of two objects that matches.
+
+    ``reward`` and ``ended`` are what goals and lava imply, as in `reward_and_done`.
+    """
     if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
         return success_reward(row), True
     if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
@@ -95,7 +101,10 @@ def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
 
 @device_function()
 def _judge_put_near(row: Row, action: int, held_before: int, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, where the task is to put one object near another."""
+    """Return the reward and whether the episode ends, where the task is to put one object near another.
+
+    The parameters are as in `reward_and_done`.
+    """
     carried = row[CARRYING]
     if action == PICKUP and carried != EMPTY:
         return reward, ended or not _is_target_look(row, carried)
@@ -144,7 +153,7 @@ def reward_and_done(
 
 @inline
 def faces_obstacle(row: Row) -> bool:
-    """Return whether the cell in front of the agent has something other than a goal, or lies outside the grid."""
+    """Return whether the cell in front of the agent is neither empty nor a goal, or lies outside the grid."""
     x, y = cell_in_front(row)
     kind = kind_of(cell_at(row, x, y))
     return kind != EMPTY and kind != GOAL
@@ -152,7 +161,10 @@ def faces_obstacle(row: Row) -> bool:
 
 @device_function()
 def move_obstacles(row: Row, rng_state: RngState) -> None:
-    """Move each obstacle to a free cell of the 3x3 around it. It stays in place after 101 draws without a free cell."""
+    """Move each obstacle to a random free cell of the 3 x 3 around it; after 101 draws without one, it stays.
+
+    The obstacles are the objects with the identities 1 to ``row[TARGET]``.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
     for identity in range(1, row[TARGET] + 1):

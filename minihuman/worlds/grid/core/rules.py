@@ -82,8 +82,15 @@ NO_SUCH_ACTION = -2
 def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """Make one step and observe its result.
 
+    Args:
+        row: the state, which is changed.
+        action: the number of the action.
+        rng_state: the random stream, by which obstacles move.
+        image: receives the agent's view, as `view.see` writes it; unchanged if the step was refused.
+
     Returns:
-        The status (TERMINATED and TRUNCATED as bits, negative if the step was refused), the direction and the reward.
+        The status (TERMINATED and TRUNCATED as bits; NOT_PLAYING or NO_SUCH_ACTION if the step was refused), the
+            agent's direction and the reward.
     """
     status, reward = act(row, action, rng_state)
     if status >= 0:
@@ -133,7 +140,10 @@ def refusal(row: Row, action: int) -> int:
 
 @inline
 def close(row: Row, ended: bool) -> int:
-    """Return the status of a step that was made and judged; if the episode has ended, record it in the row."""
+    """Return the status of a step that was made and judged: TERMINATED if it ``ended`` the episode, and TRUNCATED.
+
+    TRUNCATED is set at the step limit. If either is set, the row's phase becomes OVER.
+    """
     status = TERMINATED if ended else 0
     if row[STEP] >= row[MAX_STEPS]:
         status |= TRUNCATED
@@ -144,7 +154,7 @@ def close(row: Row, ended: bool) -> int:
 
 @device_function(force_inline=True)
 def apply(row: Row, action: int) -> tuple[float, bool]:
-    """Apply an action to the agent, objects and doors.
+    """Apply an action to the agent, objects and doors, without counting the step.
 
     Return the reward and whether the episode ends, as goals and lava determine them.
     """
@@ -179,7 +189,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
 
 @inline
 def toggle(row: Row, x: int, y: int, code: int) -> None:
-    """Toggle the object in a cell.
+    """Toggle the object in the cell (x, y), which has the code ``code``.
 
     A door, or an object that opens, opens or closes; if it is locked, the key of its colour opens it. A box is removed,
     and its contents stay.

@@ -81,7 +81,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
     Args:
         row: the state.
         sources: the numbers of the source poses, (x * height + y) * 4 + direction.
-        through: whether doors and objects can be walked through, which gives a lower bound, or block the way.
+        through: whether doors and objects can be walked through, which gives a lower bound; if not, they block.
     """
     width = np.int64(row[WIDTH])
     height = np.int64(row[HEIGHT])
@@ -155,7 +155,11 @@ _N_NODES, _N_ENTRIES, _ESTIMATE, _DROPPED = range(4)  # places in the counters
 
 @device_function()
 def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
-    """Return a frontier that holds only the given state, with space for ``limit`` nodes."""
+    """Return a frontier that holds only the given state, with space for ``limit`` nodes.
+
+    ``estimate`` is the estimated length of the plan from that state, already multiplied by the search's weight.
+    """
+    # far more estimates than plans reach; `push` notes an estimate that has no bucket
     n_buckets = (1 << 14) + 16 * (estimate + row[OBJECTS] * (row[WIDTH] + row[HEIGHT]))
     frontier = Frontier(
         np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32),
@@ -185,7 +189,7 @@ def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
 
 @device_function(force_inline=True)
 def pop(frontier: Frontier) -> int:
-    """Remove and return the newest of the nodes with the lowest estimate; return -1 if none is left."""
+    """Remove the newest of the nodes with the lowest estimate, and return its number; return -1 if none is left."""
     bucket = frontier.bucket
     estimate = frontier.counters[_ESTIMATE]
     while estimate < len(bucket):
@@ -313,10 +317,10 @@ def search(
 
 @device_function()
 def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
-    """Return whether a shortest plan can have an action here.
+    """Return whether a shortest plan can have an action in this state.
 
-    Such a plan never closes a door, puts down the only object that can be carried, or picks up the object that was put
-    down last (``last``, its identity).
+    It never closes a door, picks up the object that was put down last (``last`` is its identity, 0 for none), or puts
+    anything down unless ``may_drop``, which is False if one object alone can be carried and need not be put anywhere.
     """
     if action == LEFT or action == RIGHT or action == FORWARD:
         return True
@@ -335,7 +339,7 @@ def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
 
 @device_function()
 def object_codes(row: Row) -> NDArray[np.int64]:
-    """Return the code of each object, by identity - 1, wherever it is."""
+    """Return the code of each object, by identity - 1, wherever it is; 0 for an object that is gone."""
     objects = row[OBJECTS]
     codes = np.zeros(objects, np.int64)
     for k in range(objects):
@@ -352,7 +356,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def count_carriable(codes: NDArray[np.int64]) -> int:
-    """Return the number of objects that can be carried."""
+    """Return the number of objects that are not doors, and so perhaps can be carried."""
     count = 0
     for k in range(len(codes)):
         if codes[k] != 0 and kind_of(int(codes[k])) != DOOR:
@@ -378,7 +382,7 @@ def store(row: Row, node: NDArray[np.int32], last: int) -> None:
 
 @device_function()
 def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
-    """Set a row to the state of a node, given the code of each object by identity - 1."""
+    """Set the row to the state that is packed in a node; ``codes`` has the code of each object, by identity - 1."""
     row[X] = node[0]
     row[Y] = node[1]
     row[DIRECTION] = node[2]
@@ -397,8 +401,11 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
 
 @device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
-    """Return the index in the hash table of a node with the same content as this node, or else of a free place."""
-    key = 17
+    """Return the index in the hash table of a node with the same content as node ``node``, or else of a free place.
+
+    ``table`` has the numbers of nodes by a hash of their content, and -1 in its free places.
+    """
+    key = 17  # a hash of the node's numbers
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF
     place = (key ^ key >> 21) % len(table)
@@ -417,7 +424,10 @@ def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
 
 @device_function()
 def actions_to_node(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
-    """Return the actions from the start to a node, followed by one more action."""
+    """Return the actions from the start to a node, followed by one more action.
+
+    ``parent`` has the node before each node, and ``cause`` the action that led from there.
+    """
     length = 1
     at = node
     while parent[at] >= 0:

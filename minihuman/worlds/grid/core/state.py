@@ -61,7 +61,7 @@ NOWHERE = -1  # an object's cell while it is carried, contained or gone
 
 
 def row_length(width: int, height: int) -> int:
-    """Return the length of the row of state of a world of this size."""
+    """Return the length of the row of state of a world of this size, without an instruction's block."""
     return HEADER + 3 * width * height
 
 
@@ -96,7 +96,7 @@ def clear(row: Row) -> None:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
-    """Return the code in a cell. All cells outside the grid are grey walls."""
+    """Return the code of the cell (x, y). All cells outside the grid are grey walls."""
     is_inside = (int(x) & _POSITIVE < row[WIDTH]) & (int(y) & _POSITIVE < row[HEIGHT])
     place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned, so that no index can be negative
     return row[place] if is_inside else GREY_WALL
@@ -104,7 +104,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def lift(row: Row, x: int, y: int) -> int:
-    """Empty a cell and return the code that was in it.
+    """Empty the cell (x, y) and return the code that was in it.
 
     For a cell outside the grid, return EMPTY and mark the row as FAILED.
     """
@@ -121,7 +121,7 @@ def lift(row: Row, x: int, y: int) -> int:
 
 @kernel("void(int32[::1], int64, int64, int64)", "void(int16[::1], int64, int64, int64)", only=True)
 def put(row: Row, x: int, y: int, code: int) -> None:
-    """Put a code into a cell of the grid, replacing whatever was there, and update the places of the objects.
+    """Put a code into the cell (x, y), replacing whatever was there, and update the places of the objects.
 
     For a cell outside the grid, only mark the row as FAILED.
     """
@@ -150,7 +150,8 @@ def move(row: Row, identity: int, cell: int) -> None:
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, which lies in no cell yet; return its code.
 
-    If there are as many objects as cells, return EMPTY and mark the row as FAILED.
+    ``kind``, ``colour`` and ``state`` are numbers as in `cells.pack`. If there are as many objects as cells, return
+    EMPTY and mark the row as FAILED.
     """
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
         row[FAILED] = 1
@@ -206,7 +207,7 @@ class State:
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Return the codes of the cells, (width, height), indexed [x, y]; the functions of ``cells`` read them."""
+        """Return the codes of the cells, (width, height), indexed [x, y]; functions of ``core.cells`` read them."""
         return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
 
     @property
@@ -236,7 +237,7 @@ class State:
         return self.row[HEADER + 2 * cells : HEADER + 3 * cells]
 
     def find(self, identity: int) -> tuple[int, int] | None:
-        """Return the cell of an object; None while it is carried or in a box, and after it is gone."""
+        """Return the column and row of an object; None while it is carried or in a box, and after it is gone."""
         cell = int(self.row[HEADER + self.width * self.height + identity - 1])
         if cell == NOWHERE:
             return None
@@ -255,7 +256,7 @@ OPENS = 8
 
 @inline
 def own_properties(row: Row, code: int) -> int:
-    """Return the property bits of one of the world's own kinds; 0 for a built-in kind."""
+    """Return the property bits of a code's kind, such as `STEPPED_ON`, if the kind is the world's own; else 0."""
     if kind_of(code) >= FIRST_OWN_KIND:
         return row[SEE_THROUGH] >> 1 + 4 * (kind_of(code) - FIRST_OWN_KIND) & 15
     return 0
@@ -283,7 +284,7 @@ def hiding_looks(row: Row) -> int:
     looks = 0
     for own in range(MAX_OWN_KINDS if row[SEE_THROUGH] > 1 else 0):
         bits = row[SEE_THROUGH] >> 1 + 4 * own & 15
-        if bits & HIDES:
+        if bits & HIDES:  # in the states open, closed and locked
             looks |= 1 << FIRST_OWN_KIND + own | 1 << FIRST_OWN_KIND + own + 16 | 1 << FIRST_OWN_KIND + own + 32
             if bits & OPENS:
                 looks &= ~(1 << FIRST_OWN_KIND + own)

@@ -56,7 +56,7 @@ HIDING = np.int64(sum(1 << (WALL | state << 4) | (state != OPEN) << (DOOR | stat
 
 
 def see_size(size: int) -> int:
-    """Check that a view can have this size, and return the size.
+    """Check that a view can have this number of cells on a side, and return it.
 
     Raises:
         WorldError: if the size is not an odd number from 3 to 61.
@@ -81,7 +81,10 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
 
 @inline
 def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
-    """Return whether a view has seven cells on a side, coordinates fit into 15 bits, and no own kind hides anything."""
+    """Return whether `see_usual` can fill this image with the view of this state.
+
+    It can if the view has seven cells on a side, coordinates fit into 15 bits, and no own kind of object hides things.
+    """
     return image.shape[0] == USUAL_VIEW and max(row[WIDTH], row[HEIGHT]) < 1 << 15 and hiding_looks(row) == 0
 
 
@@ -94,7 +97,7 @@ def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
 
 @simd_function(counts=True)
 def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
-    """Write the codes of the cells in view into an image; return the transparent cells, with a byte for each row.
+    """Write the codes of the cells in view into an image; return the transparent cells, a byte per row of the view.
 
     This is the first of the three stages of `see_usual`, for batches.
     """
@@ -108,7 +111,8 @@ def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
 def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
     """Replace the bits of the transparent cells by those of the cells that are seen, for `TOGETHER` worlds at once.
 
-    This is the second of the three stages of `see_usual`, for batches.
+    The worlds' numbers, with a byte per row of the view, are in ``boards`` from the index ``first`` on. This is the
+    second of the three stages of `see_usual`, for batches.
     """
     ops.store(boards, first, spread_sight(ops.load(boards, first, TOGETHER)))
 
@@ -124,9 +128,9 @@ def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at
 
 
 def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
-    """Return the codes in a view by pairs of columns, and its transparent cells as a number with a byte per row.
+    """Return the codes in a view by `PAIRS` of columns, and its transparent cells as a number with a byte per row.
 
-    The cells are loaded column by column of the grid, transposed where the agent faces left or right.
+    ``ops`` has the vector operations. Columns of the grid are loaded, and transposed if the agent faces left or right.
     """
     x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
     # the columns run leftwards where it faces right or down
@@ -170,14 +174,14 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
 
 
 def shuffle_twice(ops: Any, vectors: Sequence[Any], lanes: Sequence[Sequence[int]]) -> list[Any]:
-    """Return the lanes of the first two vectors in each of several orders, then those of the last two."""
+    """Return lanes of the first two of four vectors, one result per order in ``lanes``, then those of the last two."""
     return [ops.shuffled(vectors[at], order, vectors[at + 1]) for at in (0, 2) for order in lanes]
 
 
 def spread_sight(clear: Any) -> Any:
-    """Return the cells that are seen, given those that are transparent, with a byte for each row of a view.
+    """Return the cells of a view that are seen, given those that are transparent, both with a byte for each row.
 
-    A run of transparent cells is seen as soon as one of them is, together with the cells beside it and ahead of it.
+    A run of transparent cells is seen as soon as one of them is, together with the cells next to it and ahead of it.
     """
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
@@ -185,7 +189,7 @@ def spread_sight(clear: Any) -> Any:
     visible = clear & 0
     for number in reversed(range(USUAL_VIEW)):
         lets, two, four = (cells >> 8 * number & 127 for cells in (clear, pairs, fours))
-        giving = ahead & lets
+        giving = ahead & lets  # from here on as in `spread`, with strides of one, two and four cells
         giving = (giving + lets ^ lets | giving) & lets
         giving = giving >> 1 & lets | giving
         giving = giving >> 2 & two | giving
@@ -197,7 +201,13 @@ def spread_sight(clear: Any) -> Any:
 
 
 def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], visible: Any) -> None:
-    """Write the seen cells of a view into an image, given the codes by pairs of columns and the cells that are seen.
+    """Write the seen cells of a view into an image.
+
+    Args:
+        ops: the vector operations of the machine.
+        image: receives kind, colour and state of each cell; 0 for cells that are not seen.
+        columns: the codes of the cells by pairs of columns, as `look_ahead` returns them.
+        visible: the cells that are seen, as `spread_sight` returns them.
 
     Each store writes a few bytes too many, which the store of the next column overwrites.
     """
@@ -274,7 +284,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
 
 @device_function(force_inline=True)
 def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
-    """Write the kind, colour and state of a code into the cell (i, j) of an image."""
+    """Write the kind, colour and state in a code into the cell (i, j) of an image."""
     image[i, j, 0] = kind_of(code)
     image[i, j, 1] = colour_of(code)
     image[i, j, 2] = state_of(code)
@@ -283,6 +293,8 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 @inline
 def spread(reached: int, clear: int, size: int) -> int:
     """Return the transparent cells of a row of the view that belong to a run in which a cell is reached by sight.
+
+    The result has one bit per cell.
 
     Args:
         reached: the cells that sight reaches from the row before, one bit per cell.

@@ -72,7 +72,7 @@ class GoToObjGrid(GridWorld):
         grid.mission = arrangement.mission
 
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
-        """Return the reward of success and True if the agent faces the target, or else what the rules of grids say.
+        """Return the reward of success and True if the agent faces the target, or else ``reward`` and ``terminated``.
 
         The action "toggle" also ends the episode, if ``toggle_ends``.
         """
@@ -81,13 +81,13 @@ class GoToObjGrid(GridWorld):
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the turns and steps after which the agent faces the target; () if none were found."""
+        """Return the turns and steps after which the agent faces the target, a step if it does already; () for none."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return [FORWARD]  # the object blocks the step, which is judged nevertheless
         return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of the shortest path as both bounds; None for both if no path was found."""
+        """Return the length of the shortest path as both bounds; None for both if there is no path."""
         path = self.shortest_path()
         length = len(path) if path else None
         return PathLengthBounds(length, length)

@@ -68,7 +68,8 @@ AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot 
 def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) -> Plan:
     """Put the walls of a room grid and draw the places of its doors; return the plan.
 
-    The agent stands in the middle room until it is placed.
+    The grid has ``lines`` lines of ``columns`` rooms, each with ``size`` cells on a side, including walls. The agent
+    stands in the middle room until it is placed.
     """
     plan = np.full((columns * lines, 15), NO_DOOR, np.int64)
     for room in range(columns * lines):
@@ -104,14 +105,17 @@ def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
 
 @inline
 def behind(room: int, wall: int, columns: int) -> int:
-    """Return the number of the room on the other side of a room's wall, in a grid with ``columns`` columns of rooms."""
-    step = 1 if wall % 2 == 0 else columns
+    """Return the number of the room on the other side of a room's wall, in a grid with ``columns`` rooms in a line."""
+    step = 1 if wall % 2 == 0 else columns  # right and left, or down and up
     return room + step if wall < 2 else room - step
 
 
 @device_function()
 def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: bool) -> None:
-    """Put a new door into a wall of a room, at the place that the plan has for it, and record it in the plan."""
+    """Put a new door into a wall of a room, at the place that the plan has for it, and record it in the plan.
+
+    ``columns`` is the number of rooms in a line. A door that is not ``locked`` is closed.
+    """
     door = make(row, DOOR, colour, LOCKED if locked else CLOSED)
     put(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall], door)
     plan[room, LOCKED_ROOM] = locked
@@ -121,7 +125,10 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
 
 @device_function()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
-    """Remove the wall between two rooms, except its corners, and record the passage in the plan."""
+    """Remove a wall of a room, except its corners, and record the passage to the room behind it in the plan.
+
+    ``columns`` is the number of rooms in a line, and ``size`` the number of cells on a side of a room with its walls.
+    """
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
     for k in range(1, size - 1):
@@ -139,7 +146,10 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
 
 @device_function()
 def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, code: int) -> None:
-    """Put a code into a random free cell of a room, not next to the agent; mark the row as FAILED if none is found."""
+    """Put a code into a random free cell of a room, not next to the agent; mark the row as FAILED if none is found.
+
+    ``columns`` is the number of rooms in a line, and ``size`` the number of cells on a side of a room with its walls.
+    """
     left = room % columns * (size - 1)
     top = room // columns * (size - 1)
     for _ in range(PLACE_TRIES):
@@ -155,7 +165,7 @@ def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int
 def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
     """Put the agent into a random free cell of a room, facing an empty cell or a wall.
 
-    If none is found, mark the row as FAILED.
+    If none is found, mark the row as FAILED. ``columns`` and ``size`` are as in `add_object`.
     """
     x = room % columns * (size - 1)
     y = room // columns * (size - 1)
@@ -170,7 +180,10 @@ def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: 
 
 @device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
-    """Return the number of rooms that can be reached from a room through passages, including locked doors."""
+    """Return the number of rooms that can be reached from the room ``start`` through passages, itself included.
+
+    Locked doors count as passages. ``columns`` is the number of rooms in a line.
+    """
     for room in range(len(plan)):
         plan[room, SEEN] = 0
     plan[start, SEEN] = 1
@@ -183,7 +196,7 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
         for wall in range(4):
             if plan[room, WAY + wall]:
                 other = behind(room, wall, columns)
-                plan[count % len(plan), QUEUE] = other
+                plan[count % len(plan), QUEUE] = other  # it counts only if `count` grows
                 count += plan[other, SEEN] == 0
                 plan[other, SEEN] = 1
     return count
@@ -217,7 +230,7 @@ SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 
 @device_function()
 def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
-    """Set the task of picking up an object, and its mission."""
+    """Set the task of picking up the object with the code ``code``, and the mission's ``colour`` and ``kind``."""
     row[TASK] = PICK
     row[TARGET] = identity_of(code)
     row[MISSION] = colour
@@ -259,7 +272,15 @@ def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int) -> None:
-    """Lay out a corridor between rooms, with an object behind a locked door on the right and the key on the left."""
+    """Lay out a corridor between rooms, with an object behind a locked door on the right and the key on the left.
+
+    Args:
+        row: the row of state.
+        rng_state: the random stream.
+        lines: the number of rooms on each side of the corridor.
+        size: the number of cells on a side of a room, including its walls.
+        kind: the kind of the object.
+    """
     plan = rooms(row, rng_state, 3, lines, size)
     for j in range(1, lines):
         remove_wall(row, plan, 3, size, 3 * j + 1, UP)
@@ -278,7 +299,7 @@ def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int
 
 @device_function()
 def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
-    """Return all six colours in a random order."""
+    """Return all six colours in a random order, int64[6]."""
     left = np.array(SORTED_COLOURS)
     shuffled = np.empty(6, np.int64)
     for k in range(6):
@@ -290,9 +311,10 @@ def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
 
 @device_function()
 def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, blocked: int) -> None:
-    """Put a locked door into a wall; with ``blocked``, also a ball in front of it."""
+    """Put a locked door into a wall of a room; if ``blocked`` is 1, also a green ball in front of it, in this room."""
     add_door(row, plan, columns, room, wall, colour, True)
     if blocked:
+        # one step back from the door into the room: the opposite of `cells.ahead` in the direction of the wall
         x = plan[room, DOOR_X + wall] - (1 - wall) * (1 - wall % 2)
         y = plan[room, DOOR_Y + wall] - (2 - wall) * (wall % 2)
         put(row, x, y, make(row, BALL, GREEN, 0))
@@ -300,7 +322,7 @@ def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour
 
 @device_function()
 def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int, boxed: int) -> None:
-    """Put a key into a room; with ``boxed``, inside a box."""
+    """Put a key into a room; if ``boxed`` is 1, inside a grey box. ``columns`` is the number of rooms in a line."""
     code = make(row, KEY, colour, 0)
     if boxed:
         key = code
@@ -311,7 +333,10 @@ def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int,
 
 @kernel("(int32[::1], uint64[::1], int64, int64)")
 def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> None:
-    """Lay out two rooms with a blue ball behind a locked door."""
+    """Lay out two rooms with a blue ball behind a locked door, and the key in the agent's room.
+
+    If ``boxed`` is 1, the key is in a box; if ``blocked`` is 1, a ball lies in front of the door.
+    """
     plan = rooms(row, rng_state, 2, 1, SIZE)
     colours = draw_door_colours(rng_state)
     add_barrier(row, plan, 2, 0, RIGHT, colours[0], blocked)
@@ -326,10 +351,17 @@ def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> 
 def obstructed_maze(
     row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:
-    """Lay out nine rooms with a blue ball in a corner room; ``quarters`` sides have locked doors to their corners.
+    """Lay out nine rooms with a blue ball in a corner room, and locked doors between side rooms and corner rooms.
 
-    With ``keys_last`` (version 1 of the worlds), the keys of a side are placed after its doors and balls, so that no
-    ball is put on a key.
+    Args:
+        row: the row of state.
+        rng_state: the random stream.
+        start_room: the number of the room in which the agent starts, line by line.
+        boxed: 1 if the keys are in boxes, else 0.
+        blocked: 1 if a ball lies in front of each locked door, else 0.
+        quarters: the number of side rooms that are open, from the right one clockwise, each with two locked doors.
+        keys_last: 1 (version 1 of the worlds) to place the keys of a side after its doors and balls, so that no ball
+            is put on a key; else 0.
     """
     plan = rooms(row, rng_state, 3, 3, SIZE)
     colours = draw_door_colours(rng_state)

@@ -85,7 +85,7 @@ def door_key(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1])")
 def red_blue_doors(row: Row, rng_state: RngState) -> None:
-    """Lay out a room with a red door in its left wall and a blue one in its right wall."""
+    """Lay out a room with a red door in its left wall and a blue one in its right wall, to be opened in this order."""
     size = row[HEIGHT]
     wall_rect(row, 0, 0, 2 * size, size)
     wall_rect(row, size // 2, 0, size, size)
@@ -139,7 +139,17 @@ def locked_room(row: Row, rng_state: RngState) -> None:
 def put_inside(
     row: Row, rng_state: RngState, room: int, right_wall: int, room_width: int, room_height: int, code: int
 ) -> None:
-    """Put a code into a random cell inside one of the six rooms of LockedRoom."""
+    """Put a code into a random cell inside one of the six rooms of LockedRoom.
+
+    Args:
+        row: the row of state.
+        rng_state: the random stream.
+        room: the number of the room: 2 n on the left and 2 n + 1 on the right, at the height n from the top.
+        right_wall: the column of the corridor's right wall.
+        room_width: the number of columns of a room, including its walls.
+        room_height: the number of rows of a room, including its walls.
+        code: the code of the object or the goal.
+    """
     left = 0 if room % 2 == 0 else right_wall
     top = room // 2 * (row[HEIGHT] // 3)
     x = integer(rng_state, left + 1, left + room_width - 1)
@@ -225,9 +235,9 @@ def draw_other_colour(rng_state: RngState, colour: int) -> int:
 
 @device_function()
 def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
-    """Draw rooms, each next to the one before and the first at a door, until there are ``count`` or none fits.
+    """Draw rooms of up to ``largest`` cells a side, each next to the one before, until ``count`` exist or none fits.
 
-    Return the x, y, width, height, and the x and y of the entry door of each room.
+    The first begins at (door_x, door_y). Return each room's x, y, width, height and entry door (x, y), int64[rooms, 6].
     """
     rooms = np.empty((count, 6), np.int64)
     placed = 0
@@ -268,14 +278,14 @@ def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: 
 
 @device_function()
 def draw_other_wall(rng_state: RngState, wall: int) -> int:
-    """Draw a wall other than ``wall``."""
+    """Draw one of the four walls of a room other than ``wall``: RIGHT, BOTTOM, LEFT or TOP."""
     k = integer(rng_state, 0, 3)
     return k if k < wall else k + 1
 
 
 @device_function()
 def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
-    """Draw a cell of a room's wall that is not a corner."""
+    """Draw a cell of a room's wall that is not a corner; ``room`` begins with its x, y, width and height."""
     x = room[0]
     y = room[1]
     width = room[2]
@@ -291,9 +301,10 @@ def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[
 
 @device_function()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
-    """Return whether a room lies in the grid and overlaps no placed room except perhaps the last.
+    """Return whether a room fits into the grid with the ``placed`` rooms, apart from the last, to which it is joined.
 
-    The last is the room from which it is entered, with which it shares a wall.
+    As in Minigrid, it does not fit if it overlaps one of them, ends right at the left or upper side of one, or reaches
+    the last row of the grid.
     """
     if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:
         return False

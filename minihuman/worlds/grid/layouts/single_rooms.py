@@ -54,7 +54,7 @@ def draw_kind(rng_state: RngState, kinds: int) -> int:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def fetch(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out a room with keys and balls, one of which is to be fetched."""
+    """Lay out a room with ``objects`` keys and balls; the agent must fetch one like the named one."""
     outer_walls(row)
     kinds = np.empty(objects, np.int64)
     colours = np.empty(objects, np.int64)
@@ -76,7 +76,8 @@ def fetch(row: Row, rng_state: RngState, objects: int) -> None:
 def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> NDArray[np.int64]:
     """Put objects that all differ in kind or colour into random cells; return the kind, colour, x and y of each.
 
-    With ``apart``, no object touches another. If there is no cell for an object, mark the row as FAILED.
+    ``objects`` is their number, 18 at most. With ``apart``, no object touches another. If there is no cell for an
+    object, mark the row as FAILED.
     """
     placed = np.full((objects, 4), -9, np.int64)  # a place outside the grid, which no cell touches
     k = 0
@@ -106,7 +107,7 @@ def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> ND
 
 @device_function()
 def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
-    """Return whether a cell touches one of the placed objects, including at corners."""
+    """Return whether the cell (x, y) touches one of the placed objects (kind, colour, x, y), including at corners."""
     for k in range(len(placed)):
         if abs(placed[k, 2] - x) <= 1 and abs(placed[k, 3] - y) <= 1:
             return True
@@ -115,7 +116,7 @@ def beside_any(placed: NDArray[np.int64], x: int, y: int) -> bool:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out a room with objects; the agent must say "done" next to the named one."""
+    """Lay out a room with ``objects`` objects; the agent must say "done" next to the named one."""
     outer_walls(row)
     placed = draw_objects(row, rng_state, objects, False)
     place_agent_anywhere(row, rng_state)
@@ -129,7 +130,7 @@ def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def put_near(row: Row, rng_state: RngState, objects: int) -> None:
-    """Lay out a room with objects, one of which is to be put near another."""
+    """Lay out a room with ``objects`` objects, one of which is to be put near another."""
     outer_walls(row)
     placed = draw_objects(row, rng_state, objects, True)
     place_agent_anywhere(row, rng_state)
@@ -185,7 +186,10 @@ def go_to_door(row: Row, rng_state: RngState) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def memory(row: Row, rng_state: RngState, random_length: int) -> None:
-    """Lay out a corridor with an object at its start and two at its end; the agent must go to the matching one."""
+    """Lay out a corridor with an object at its start and two at its end; the agent must go to the matching one.
+
+    If ``random_length`` is 1, the length of the corridor is drawn.
+    """
     width = row[WIDTH]
     height = row[HEIGHT]
     outer_walls(row)
@@ -194,6 +198,8 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
         end = integer(rng_state, 4, width - 2)
     else:
         end = width - 3
+    # the start room, three rows high, with its exit in the middle row; the corridor; the wall with its opening, and the
+    # wall at the end, between which the two objects lie
     wall_across(row, 1, middle - 2, 4, GREY_WALL)
     wall_across(row, 1, middle + 2, 4, GREY_WALL)
     put(row, 4, middle - 1, GREY_WALL)
@@ -220,7 +226,7 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int) -> None:
-    """Lay out a room with only a goal in the corner.
+    """Lay out a room with only a goal in the bottom right corner.
 
     If ``agent_x`` is negative, the agent's cell and direction are drawn.
     """
@@ -231,7 +237,7 @@ def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: 
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None:
-    """Put the agent into a cell, or into a random one with a random direction if ``x`` is negative."""
+    """Put the agent into the cell (x, y), or into a random one with a random direction if ``x`` is negative."""
     if x < 0:
         place_agent_anywhere(row, rng_state)
     else:
@@ -240,7 +246,10 @@ def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None
 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
-    """Lay out a room with two strips of lava, one below the top wall and one in the row ``second_strip``."""
+    """Lay out a room with two strips of lava, one below the top wall and one in the row ``second_strip``.
+
+    If ``agent_x`` is negative, the agent's cell and direction are drawn.
+    """
     outer_walls(row)
     put(row, row[WIDTH] - 2, 1, GREEN_GOAL)
     wall_across(row, 3, 1, row[WIDTH] - 6, RED_LAVA)
@@ -250,7 +259,7 @@ def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direct
 
 @kernel("(int32[::1], uint64[::1], int64)")
 def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
-    """Lay out a room with one column of lava, or of another code ``obstacle``, that has a gap."""
+    """Lay out a room with one column of cells of the code ``obstacle``, such as lava, that has a gap."""
     outer_walls(row)
     stand(row, 1, 1, 0)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
@@ -264,7 +273,10 @@ def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
 def dynamic_obstacles(
     row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, obstacles: int
 ) -> None:
-    """Lay out a room with balls that move at random."""
+    """Lay out a room with ``obstacles`` balls that move at random.
+
+    If ``agent_x`` is negative, the agent's cell and direction are drawn.
+    """
     outer_walls(row)
     put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
     start(row, rng_state, agent_x, agent_y, direction)
@@ -316,7 +328,11 @@ def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
 
 @device_function()
 def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_]:
-    """Draw the lines with a river, bool[2, size]: first the columns of upright rivers, then the rows of level ones."""
+    """Draw which lines of the grid have a river, and return them as bool[2, size].
+
+    First come the columns with upright rivers, then the rows with level ones. ``size`` is the number of cells on a side
+    of the grid, and ``rivers`` the number of rivers.
+    """
     places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
     order = np.arange(2 * places)
     shuffle(rng_state, order)
@@ -328,7 +344,10 @@ def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_
 
 @device_function()
 def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the lines that bound the fields: the first line of the grid, the lines with a river, and the last line."""
+    """Return the numbers of the lines that bound the fields: the grid's first line, those with a river, its last.
+
+    ``is_river`` says which lines of one direction have a river, bool[size].
+    """
     lines = np.empty(is_river.sum() + 2, np.int64)
     lines[0] = 0
     k = 1

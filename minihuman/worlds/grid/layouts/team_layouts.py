@@ -62,7 +62,7 @@ class SwapCorridor(TeamGrid):
         super().__init__(width=length + 2, height=4, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Lay out the corridor, with the bay in the middle or next to it."""
+        """Lay out the corridor, with the bay in the middle column or one column from it."""
         last = grid.width - 2
         grid.wall_rect()
         grid.across(1, 1, last)
@@ -81,7 +81,7 @@ class CarryTogether(TeamGrid):
         super().__init__(width=13, height=7, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Lay out two rooms, with the load in the left and the goal in the right one."""
+        """Lay out two rooms, with the load and all bodies in the left one and the goal in the right one."""
         grid.wall_rect()
         grid.down(6, 1, 5)
         grid.clear(6, grid.integer(2, 5))

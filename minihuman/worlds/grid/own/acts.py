@@ -28,11 +28,11 @@ class OwnRules:
         return int(self.np_random.integers(low, high))
 
     def code_at(self, x: int, y: int) -> int:
-        """Return the code in a cell. All cells outside the grid are walls."""
+        """Return the code of the cell (x, y). All cells outside the grid are walls."""
         return int(cell_at(self._row, int(x), int(y)))
 
     def put(self, item: Item, x: int, y: int) -> int:
-        """Put a new object into a cell, replacing whatever is there; return its identity, 0 for scenery.
+        """Put a new object into the cell (x, y), replacing whatever is there; return its identity, 0 for scenery.
 
         Raises:
             WorldError: if the cell is outside the grid.
@@ -40,13 +40,13 @@ class OwnRules:
         return Layout(self._row, self.np_random, "", self.kinds, self.bodies).put(item, int(x), int(y)).identity
 
     def remove(self, x: int, y: int) -> int:
-        """Empty a cell and return the code that was in it; EMPTY for a cell outside the grid."""
+        """Empty the cell (x, y) and return the code that was in it; EMPTY for a cell outside the grid."""
         if not self._is_inside(x, y):
             return EMPTY
         return int(lift(self._row, int(x), int(y)))
 
     def move(self, identity: int, x: int, y: int) -> bool:
-        """Move an object into an empty cell in which no body stands; return whether it was moved.
+        """Move an object into the cell (x, y) if it is empty and no body stands there; return whether it was moved.
 
         An object that lies in no cell, because it is carried, in a box or gone, is not moved.
         """

@@ -21,8 +21,8 @@ def _checked(name: str, real: str) -> Any:
     """Return an intrinsic for an operation on two numbers, with an overflow check if both are whole numbers.
 
     Args:
-        name: the method of LLVM's builder for whole numbers, which also returns whether the result overflowed
-        real: the method of LLVM's builder for floats
+        name: the method of LLVM's builder for whole numbers, which also returns whether the result overflowed.
+        real: the method of LLVM's builder for floats.
     """
 
     @intrinsic
@@ -67,7 +67,7 @@ def truediv(typing_context, c, place, a, b):
 
 @njit
 def _whole_floordiv(c, place, a, b):
-    """Return the quotient of whole numbers, rounded down; by -1 with the overflow check of a negation."""
+    """Return the quotient of whole numbers, rounded down; division by -1 is a negation with its overflow check."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -77,7 +77,7 @@ def _whole_floordiv(c, place, a, b):
 
 @njit
 def _whole_mod(c, place, a, b):
-    """Return the remainder of whole numbers; 0 by -1, which a processor may refuse to divide by."""
+    """Return the remainder of whole numbers; 0 for the divisor -1, by which a processor may refuse to divide."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -202,7 +202,7 @@ def whole(c, place, a):
 
 @overloaded
 def real(c, place, a):
-    """Return ``float(a)``."""
+    """Return ``float(a)``; what is no number does not compile."""
     if isinstance(a, types.Boolean):
         return lambda c, place, a: 1.0 if a else 0.0
     if not is_number(a):
@@ -212,7 +212,7 @@ def real(c, place, a):
 
 @overloaded
 def declared_whole(c, place, a):
-    """Return a number that is assigned to a field of whole numbers; a float does not compile."""
+    """Return ``a`` as int64, to be assigned to a field of whole numbers; a float does not compile."""
     if is_whole(a):
         return lambda c, place, a: np.int64(a)
     raise numba.core.errors.TypingError("a field of whole numbers cannot be set to a float; use int(...) or Float")
@@ -220,7 +220,7 @@ def declared_whole(c, place, a):
 
 @overloaded
 def is_in(c, place, a, options):
-    """Return whether a tuple contains a number."""
+    """Return whether the tuple or array ``options`` contains the number ``a``."""
     if isinstance(options, types.BaseTuple) and len(options) == 0:
         return lambda c, place, a, options: False
 

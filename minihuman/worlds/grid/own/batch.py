@@ -42,7 +42,9 @@ def make_batch(
     options_per_world: list[dict[str, Any]] | None = None,
     **options: Any,
 ) -> Any:
-    """Make a batch of worlds of a class: compiled if the rules can be translated, otherwise stepped one by one.
+    """Return a batch of worlds of a class: compiled if the rules can be translated, otherwise stepped one by one.
+
+    It is an `OwnBatch` or else Gymnasium's SyncVectorEnv.
 
     Args:
         world_class: the class.
@@ -50,6 +52,9 @@ def make_batch(
         autoreset_mode: Gymnasium's name for the behaviour after an episode's end.
         options_per_world: further options for each world, which must not change its spaces; None for none.
         options: the options that all worlds share.
+
+    Raises:
+        WorldError: if ``num_envs`` is below 1 or is not the number of ``options_per_world``.
     """
     per_world = options_per_world or [{}] * num_envs
     if num_envs < 1 or len(per_world) != num_envs:
@@ -155,7 +160,8 @@ class OwnBatch(RowVectorEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues.
+        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. Return the
+        observations of all worlds and an empty info.
         """
         self._lay_out(self._seed_worlds(seed, options))
         return self._observe(), {}
@@ -163,7 +169,7 @@ class OwnBatch(RowVectorEnv):
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Take one action in every world.
+        """Take one action in every world; return observations, rewards, terminated, truncated and info of Gymnasium.
 
         Raises:
             WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
@@ -200,7 +206,9 @@ class OwnBatch(RowVectorEnv):
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> None:
-        """Run the author's `reward_and_done`, if there is one, in every world that was stepped, and change the arrays.
+        """Run the author's `reward_and_done`, if there is one, in every stepped world, and write its results.
+
+        ``rewards`` and ``terminated`` hold what the grid's own rules say, and receive what the author's say.
 
         Raises:
             Exception: if the rules raise an error.
@@ -216,7 +224,7 @@ class OwnBatch(RowVectorEnv):
             raise_fault(self._program, table, world=int(table[FAULT + 4]))
 
     def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
-        """Return the error for an action that a world cannot take."""
+        """Return the error for the action that the world with the number ``world`` cannot take."""
         phase = self._rows[world, PHASE]
         last = int(self._rows[world, ACTIONS]) - 1
         return self._build_refusal(
@@ -224,7 +232,11 @@ class OwnBatch(RowVectorEnv):
         )
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
-        """Lay out new episodes in some worlds, and set their missions."""
+        """Lay out new episodes in the worlds with the given numbers, and set their missions.
+
+        Raises:
+            Exception: if the rules raise an error.
+        """
         numbers = np.ascontiguousarray(worlds, np.int64)
         self._table[entries.WORLDS] = numbers.ctypes.data
         self._table[entries.COUNT] = len(numbers)
@@ -256,7 +268,7 @@ class OwnBatch(RowVectorEnv):
         return np.ascontiguousarray(numbers).view(field.dtype).reshape(self.num_envs, *shape)
 
     def _collect_final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
-        """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
+        """Return the last observations of the worlds whose episodes ended (``over``, bool[n]), as Gymnasium's info."""
         observations = np.full(self.num_envs, None, object)
         last = self._observe()
         for i in np.flatnonzero(over).tolist():

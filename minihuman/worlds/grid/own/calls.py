@@ -44,7 +44,7 @@ class Calls(LayoutCalls):
         return f"{_PLAIN[callee]}({', '.join(arguments)})"
 
     def _over_generator(self, node: ast.Call, callee: Any) -> str:
-        """Return the translation of ``any``, ``sum`` or the like over a generator or a sequence."""
+        """Return the translation of ``any``, ``all``, ``sum``, ``min`` or ``max`` over a generator or a sequence."""
         argument = node.args[0]
         if not isinstance(argument, ast.GeneratorExp | ast.ListComp):
             if callee in (min, max):
@@ -62,7 +62,7 @@ class Calls(LayoutCalls):
         return f"{lifted}({', '.join(['c', *captured])})"
 
     def _translate_tuple_call(self, node: ast.Call) -> str:
-        """Return the translation of ``tuple(...)``."""
+        """Return the translation of ``tuple(...)`` of a local list, a generator over a constant, or another tuple."""
         argument = node.args[0]
         if isinstance(argument, ast.Name) and argument.id in self.lengths:
             place = self.place(node)

@@ -1,4 +1,4 @@
-"""The compilation of translated rules, in a process of its own: ``python -m minihuman.worlds.grid.own.compiler``.
+"""The compilation of translated rules, in a separate process: ``python -m minihuman.worlds.grid.own.compiler``.
 
 The process reads the translated source from stdin and writes machine code for this machine, an object file, to stdout.
 A process that makes worlds therefore never imports Numba.
@@ -37,7 +37,10 @@ _LIBRARIES: dict[int, Any] = {}  # Numba's libraries of all functions, by id; ea
 
 
 def _collect(user: Any, library: Any) -> None:
-    """Record the library of a called function, in place of Numba's method that copies its code into the caller's."""
+    """Record the library of a called function, in place of Numba's method that copies its code into the caller's.
+
+    ``user`` is the library of the caller.
+    """
     library._ensure_finalized()
     _LIBRARIES[id(library)] = library
 
@@ -74,7 +77,7 @@ def compile_text(text: str) -> bytes:
 
 
 def _emit(codes: list[str]) -> bytes:
-    """Link and optimise LLVM codes, and return machine code in which only the entries have names."""
+    """Link and optimise texts of LLVM code; return an object file in which only the entries can be found by name."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = _describe_machine()
@@ -106,7 +109,10 @@ def _make_globals_internal(code: str) -> str:
 
 
 def main() -> int:
-    """Compile the source on stdin to an object file on stdout; write the line and reason of an error to stderr."""
+    """Compile the source on stdin to an object file on stdout; write the line and reason of an error to stderr.
+
+    Return the exit status: 0, or 3 if Numba cannot compile the source.
+    """
     try:
         code = compile_text(sys.stdin.read())
     except errors.NumbaError as error:

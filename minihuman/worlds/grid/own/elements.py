@@ -21,7 +21,10 @@ from minihuman.worlds.grid.own.numba_forms import fail, fail_if, is_number, njit
 
 @njit
 def index_in(c, place, i, n):
-    """Return an index from the start; a negative one counts from the end."""
+    """Return the index from the start that ``i`` stands for among ``n`` elements; a negative ``i`` counts from the end.
+
+    An index out of range is a fault.
+    """
     at = i + n if i < 0 else np.int64(i)
     if at < 0 or at >= n:
         fail(c, place, INDEX, i, n)
@@ -30,7 +33,10 @@ def index_in(c, place, i, n):
 
 @overloaded
 def at(c, place, values, i):
-    """Return an element of a tuple or array, or a row of an array; a pair of indices selects an element of an array."""
+    """Return an element of a tuple or array; of an array with two dimensions, ``i`` must be a pair of indices.
+
+    An index out of range, or None in place of the values, is a fault.
+    """
     if isinstance(values, types.Optional):
         return lambda c, place, values, i: at(c, place, unwrapped(c, place, values), i)
     if isinstance(i, types.BaseTuple):
@@ -46,7 +52,7 @@ def at(c, place, values, i):
 
 @overloaded
 def at_2(c, place, values, i, j):
-    """Return an element of an array of two dimensions."""
+    """Return the element [i, j] of an array of two dimensions; an index out of range is a fault."""
 
     def read(c, place, values, i, j):
         first = index_in(c, place, i, values.shape[0])
@@ -61,14 +67,17 @@ def at_2(c, place, values, i, j):
 
 @njit
 def check_code(c, place, code):
-    """Check that a code refers to an object that exists."""
-    if code < 0 or code >> 9 > np.int64(row(c)[11]):
+    """Check that a code has no identity or that of an object that exists; otherwise it is a fault."""
+    if code < 0 or code >> 9 > np.int64(row(c)[11]):  # the identity in the code, and the number of objects
         fail(c, place, OUTSIDE, -1, code)
 
 
 @overloaded
 def set_at(c, place, values, i, element):
-    """Set an element of an array, or a row of it."""
+    """Set an element of an array, or a row of it; ``i`` may be a pair of indices.
+
+    Of the row of state, only the numbers of the agent, the target and the mission can be set: others are a fault.
+    """
     if not isinstance(values, types.Array):
         raise numba.core.errors.TypingError("a tuple cannot be changed; assign a new one")
     if isinstance(i, types.BaseTuple):
@@ -109,7 +118,7 @@ def _write(values, i, element):
 
 @overloaded
 def set_at_2(c, place, values, i, j, element):
-    """Set an element of an array of two dimensions."""
+    """Set the element [i, j] of an array of two dimensions; an index out of range is a fault."""
     is_code = values.dtype is types.int32
     is_float = isinstance(values.dtype, types.Float)
 
@@ -152,7 +161,7 @@ def fill(c, place, values, element):
 
 @overloaded
 def copy_into(c, place, values, source):
-    """Set all elements of a short array to those of a tuple or array, or to a number."""
+    """Set all elements of an array to those of a tuple or array, whose length must be the same, or to a number."""
     if is_number(source):
         return lambda c, place, values, source: fill(c, place, values, source)
 
@@ -166,7 +175,10 @@ def copy_into(c, place, values, source):
 
 
 def _view(dimensions: int) -> Any:
-    """Return an intrinsic that views part of an array of one dimension as an array of one or two."""
+    """Return an intrinsic that views part of an array of one dimension as an array of ``dimensions``, one or two.
+
+    The intrinsic takes the array, the index at which the part begins, and the lengths of the view.
+    """
 
     def typed(values: Any) -> Any:
         return types.Array(values.dtype, dimensions, "C")
@@ -203,7 +215,7 @@ view_2 = _view(2)
 
 @intrinsic
 def row_of(typing_context, c, place, values, i):
-    """Return a row of an array of two dimensions, as a view."""
+    """Return row ``i`` of an array of two dimensions, as a view; an index out of range is a fault."""
     kind = types.Array(values.dtype, 1, "C")
 
     def code(context, builder, signature, arguments):
@@ -226,7 +238,7 @@ def row_of(typing_context, c, place, values, i):
 
 @intrinsic
 def unwrapped(typing_context, c, place, element):
-    """Return the value that an optional holds, which must not be None."""
+    """Return the value of ``element``, which may have an optional type; None is a fault."""
     if not isinstance(element, types.Optional):
         return element(c, int64, element), lambda context, builder, signature, values: values[2]
 
@@ -241,7 +253,7 @@ def unwrapped(typing_context, c, place, element):
 
 @overloaded
 def unpack_2(c, place, values):
-    """Return two values of a tuple or array."""
+    """Return the two values of a tuple or array; another length of an array, or None, is a fault."""
     if isinstance(values, types.Array):
 
         def read(c, place, values):
@@ -255,7 +267,7 @@ def unpack_2(c, place, values):
 
 @overloaded
 def unpack_3(c, place, values):
-    """Return three values of a tuple or array."""
+    """Return the three values of a tuple or array; another length of an array, or None, is a fault."""
     if isinstance(values, types.Array):
 
         def read(c, place, values):

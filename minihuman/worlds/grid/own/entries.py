@@ -94,7 +94,10 @@ def steps(t):
 
 
 def make_table(arrays: Mapping[int, NDArray[Any]]) -> NDArray[np.int64]:
-    """Return a batch's table with the addresses of its arrays, by index; the arrays must outlive the table."""
+    """Return a batch's table with the addresses of its arrays; the arrays must outlive the table.
+
+    ``arrays`` has each array by its index in the table, such as `ROWS`.
+    """
     table = np.zeros(TABLE, np.int64)
     for index, array in arrays.items():
         table[index] = array.ctypes.data
@@ -114,7 +117,8 @@ def format_entries(
         rule: the name of the translated `reward_and_done`; None without one.
         bodies: the number of bodies.
         is_team: whether the rules take an action and return a reward for each body.
-        lengths: the numbers of elements in a world's declared fields, settings, mission and scratch memory.
+        lengths: the numbers of elements in a world's declared fields ("own"), whole and float settings ("settings",
+            "floats"), "mission" and "scratch" memory.
     """
     indices = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
     context = _CONTEXT.format(**indices, **lengths)
@@ -126,7 +130,10 @@ def format_entries(
 
 
 def _format_call(rule: str, bodies: int, *, is_team: bool) -> str:
-    """Return the source lines that call a rule for one world and store its rewards."""
+    """Return the source lines that call a rule for one world and store its rewards.
+
+    The parameters are those of `format_entries`.
+    """
     if not is_team:
         return f"rewards[i], ended = {rule}(c, actions[i], rewards[i], terminated[i] != 0)"
     places = [f"i * {bodies} + {body}" for body in range(bodies)]

@@ -48,7 +48,7 @@ class Expressions:
     lengths: dict[str, int]  # the lengths of local lists, by name
 
     def place(self, node: ast.AST) -> int:
-        """Return the number of a node's place in the program's table of places."""
+        """Return the number of a node's place, its file and line, in the program's table of places."""
         number: int = self.program.number_place(self.source.path, getattr(node, "lineno", 1) + self.source.offset)
         return number
 
@@ -67,11 +67,11 @@ class Expressions:
         raise TranslationError(f"{self.source.path}:{line}: {what} cannot be translated; {instead}")
 
     def _item(self, node: ast.Call, callee: Any) -> str:
-        """Return the translation of a call that makes an item; `LayoutCalls` defines it."""
+        """Return the translation of a call of ``callee`` that makes an item; `LayoutCalls` defines it."""
         raise NotImplementedError
 
     def _layout_call(self, node: ast.Call, name: str) -> str:
-        """Return the translation of a call of a layout's method; `LayoutCalls` defines it."""
+        """Return the translation of a call of the layout's method ``name``; `LayoutCalls` defines it."""
         raise NotImplementedError
 
     # --- what names stand for ---
@@ -138,7 +138,7 @@ class Expressions:
     # --- expressions ---
 
     def expression(self, node: ast.AST) -> str:
-        """Return an expression's translation."""
+        """Return an expression's translation; refuse an expression of a kind that cannot be translated."""
         symbol = self.symbol(node)
         if symbol is not None:
             return self._symbol_text(node, symbol)
@@ -240,7 +240,7 @@ class Expressions:
         return self.operation(node, node.op, left, right)
 
     def operation(self, node: ast.AST, operator: ast.operator, left: str, right: str) -> str:
-        """Return the translation of an operation on two translated operands."""
+        """Return the translation of an operation on two translated operands; refuse an operator without translation."""
         if type(operator) in _BIT_OPERATORS:
             return f"({left} {_BIT_OPERATORS[type(operator)]} {right})"
         if type(operator) not in _OPERATORS:
@@ -271,7 +271,7 @@ class Expressions:
         return not any(isinstance(part, ast.Call) for part in ast.walk(node))
 
     def _comparison(self, node: ast.AST, operator: ast.cmpop, left: ast.AST, right: ast.AST) -> str:
-        """Return the translation of one comparison."""
+        """Return the translation of one comparison of two expressions."""
         if not isinstance(operator, ast.In | ast.NotIn):
             return f"{self.expression(left)} {_COMPARISONS[type(operator)]} {self.expression(right)}"
         negation = "not " if isinstance(operator, ast.NotIn) else ""
@@ -342,7 +342,7 @@ class Expressions:
         return self._constant_call(node, callee.value)
 
     def _method(self, node: ast.Call, base: Symbol, name: str) -> str:
-        """Return the translation of a method call on `self`, `super()`, the grid, or a declared field."""
+        """Return the translation of a method call on `self`, `super()`, the grid, the state or the random generator."""
         if base.kind == "self":
             return self._self_call(node, name)
         if base.kind == "super":
@@ -354,7 +354,7 @@ class Expressions:
         if base.kind == "state" and name == "find":
             return f"rt.find(c, {place}, {arguments[0]})"
         if base.kind == "rng" and not node.keywords:
-            if name == "integers" and len(arguments) in (1, 2):
+            if name == "integers" and len(arguments) in (1, 2):  # one argument is the upper end, and the lower is 0
                 return self.mark_draw(f"rt.draw(c, {place}, {', '.join(['0', *arguments][-2:])})")
             if name == "random" and not arguments:
                 return self.mark_draw(f"rt.draw_random(c, {place})")
@@ -423,13 +423,13 @@ class Expressions:
 
     @staticmethod
     def _suggest_instead(callee: Any) -> str:
-        """Return the advice for a call that cannot be translated."""
+        """Return the advice for a call of ``callee`` that cannot be translated."""
         if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"
         return "docs/grid-worlds.md lists what rules may call"
 
     def _author_call(self, node: ast.Call, function: FunctionType, owner: type | None) -> str:
-        """Return the translation of a call of an author's function.
+        """Return the translation of a call of an author's function; ``owner`` is its class, None outside a class.
 
         Arguments that stand for ``self``, the grid and the like are fixed in the translated function, which therefore
         takes only the others.

@@ -35,7 +35,7 @@ def error_of(kind: int, first: int, second: int, place: str) -> Exception:
     """Return the exception for a recorded fault.
 
     Args:
-        kind: the number of the kind of error.
+        kind: the number of the kind of error, such as `INDEX`.
         first: the first number that the message mentions.
         second: the second number that the message mentions.
         place: the file and line in the author's source.

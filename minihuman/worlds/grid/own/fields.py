@@ -47,15 +47,15 @@ class OwnField:
         self.write(own_numbers(world), content)
 
     def read(self, numbers: OwnNumbers) -> Any:
-        """Return the field's content as a Python number, a tuple or an array."""
+        """Return the field's content in a world's vector, as a Python number, a tuple or an array."""
         raise NotImplementedError
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Write a new content into the field's part of the vector."""
+        """Write a new content into the field's part of a world's vector."""
         raise NotImplementedError
 
     def places(self, numbers: OwnNumbers) -> NDArray[Any]:
-        """Return the field's part of the vector as a view with the field's dtype."""
+        """Return the field's part of a world's vector as a view with the field's dtype."""
         return numbers[self.offset : self.offset + self.size].view(self.dtype)
 
 
@@ -142,7 +142,7 @@ class _Array(OwnField):
         return self.places(numbers).reshape(self.shape)
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set all elements."""
+        """Set all elements to those of an array of the same shape, or to one number."""
         self.read(numbers)[...] = content
 
 
@@ -169,7 +169,8 @@ def declare_fields(world_class: Any) -> None:
     """Assign places in the vector to the fields of a class, and have the class save the fields with its state.
 
     Raises:
-        WorldError: if two base classes both declare fields, or there are too many numbers.
+        WorldError: if two base classes declare different fields, a field is declared again, or there are too many
+            numbers.
     """
     bases = [base for base in world_class.__bases__ if getattr(base, "own_fields", ())]
     if len({base.own_fields for base in bases}) > 1:
@@ -206,7 +207,7 @@ def own_numbers(world: Any) -> OwnNumbers:
 
 
 def field_named(world_class: Any, name: str) -> OwnField:
-    """Return a declared field of a class.
+    """Return the field with the name ``name`` that a class declares.
 
     Raises:
         WorldError: if the class declares no such field.

@@ -30,7 +30,7 @@ draw_unit = numba_form(rng.unit)
 
 @njit
 def draw(c, place, low, high):
-    """Draw a whole number in [low, high), as NumPy's generator does."""
+    """Draw a whole number in [low, high), as NumPy's generator does; a range that is empty or too wide is a fault."""
     if low >= high or high - low > 4294967295:  # 2**32 - 1
         fail(c, place, BAD_RANGE, low, high)
     return draw_integer(rng_state(c), low, high)
@@ -62,7 +62,7 @@ def height(c):
 
 @njit
 def code_at(c, x, y):
-    """Return the code in a cell. All cells outside the grid are walls."""
+    """Return the code of the cell (x, y). All cells outside the grid are walls."""
     return np.int64(cell_code(row(c), x, y))
 
 
@@ -74,7 +74,7 @@ def is_inside(c, x, y):
 
 @njit
 def find(c, place, identity):
-    """Return the cell (x, y) of an object; None if it lies in no cell."""
+    """Return the cell (x, y) of an object; None if it lies in no cell. An identity that cannot exist is a fault."""
     if identity < 1 or identity > np.int64(row(c)[0]) * np.int64(row(c)[1]):
         fail(c, place, INDEX, identity, np.int64(row(c)[0]) * np.int64(row(c)[1]))
     cell = np.int64(row(c)[24 + np.int64(row(c)[0]) * np.int64(row(c)[1]) + identity - 1])
@@ -86,12 +86,13 @@ def find(c, place, identity):
 @njit
 def body_start(c, bodies, body):
     """Return the index in the row of a body's column; its row, direction and carried object follow."""
+    # the first body is in the header; the others have blocks at the end of the row
     return np.int64(2) if body == 0 else row(c).shape[0] - BLOCK * (bodies - body)
 
 
 @njit
 def is_body_at(c, bodies, x, y):
-    """Return whether a body stands in a cell."""
+    """Return whether any of the ``bodies`` bodies stands in the cell (x, y)."""
     for body in range(bodies):
         start = body_start(c, bodies, body)
         if np.int64(row(c)[start]) == x and np.int64(row(c)[start + 1]) == y:
@@ -101,7 +102,7 @@ def is_body_at(c, bodies, x, y):
 
 @njit
 def remove(c, x, y):
-    """Empty a cell and return the code that it had; outside the grid, do nothing and return the code of empty."""
+    """Empty the cell (x, y) and return its code; outside the grid, do nothing and return the code of empty."""
     if not is_inside(c, x, y):
         return np.int64(1)
     return np.int64(lift_code(row(c), x, y))
@@ -109,7 +110,10 @@ def remove(c, x, y):
 
 @njit
 def move(c, bodies, identity, x, y):
-    """Move an object into an empty cell; return whether it was moved."""
+    """Move an object into the cell (x, y); return whether it was moved.
+
+    It is not moved if it lies in no cell, or if the cell is not empty, outside the grid or one in which a body stands.
+    """
     if identity < 1 or identity > np.int64(row(c)[11]) or not is_inside(c, x, y) or is_body_at(c, bodies, x, y):
         return False
     if row(c)[24 + np.int64(row(c)[0]) * np.int64(row(c)[1]) + identity - 1] < 0 or cell_code(row(c), x, y) != 1:
@@ -120,7 +124,10 @@ def move(c, bodies, identity, x, y):
 
 @njit
 def make_item(c, place, kind, colour, door_state, has_identity):
-    """Return the code of a new object; a fault if the grid has as many objects with identities as it can have."""
+    """Return the code of a new item; it is a fault if the grid has as many objects with identities as it can have.
+
+    The numbers are those of `source_names.item_numbers`; if ``has_identity`` is 0, the item is scenery.
+    """
     if has_identity == 0:
         return kind | colour << 4
     if np.int64(row(c)[11]) >= np.int64(row(c)[0]) * np.int64(row(c)[1]) or np.int64(row(c)[11]) >= 4194303:
@@ -130,7 +137,10 @@ def make_item(c, place, kind, colour, door_state, has_identity):
 
 @njit
 def put(c, place, item_fields, x, y):
-    """Put an item into a cell; return its identity and the cell."""
+    """Put a new item into the cell (x, y); return its identity, x and y. A cell outside the grid is a fault.
+
+    ``item_fields`` are the eight numbers of the item, as `source_names.item_numbers` returns them.
+    """
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
     code = make_item(c, place, item_fields[0], item_fields[1], item_fields[2], item_fields[3])
@@ -143,14 +153,14 @@ def put(c, place, item_fields, x, y):
 
 @njit
 def put_line(c, place, item_fields, x, y, dx, dy, length):
-    """Put an item into each cell of a line."""
+    """Put a new item into each of ``length`` cells from (x, y) on, with the step (dx, dy) between them."""
     for i in range(length):
         put(c, place, item_fields, x + i * dx, y + i * dy)
 
 
 @njit
 def put_code_checked(c, place, x, y, code):
-    """Put a code into a cell, as the kernel `put` does."""
+    """Put a code into the cell (x, y), as the kernel `state.put` does; a code of no existing object is a fault."""
     check_code(c, place, code)
     put_code(row(c), x, y, code)
 
@@ -172,7 +182,7 @@ def wall_rect(c, place, x, y, w, h):
 
 @njit
 def clear_cell(c, place, x, y):
-    """Make a cell empty."""
+    """Make the cell (x, y) empty; a cell outside the grid is a fault."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
     put_code(row(c), x, y, 1)  # 1 is the code of an empty cell
@@ -180,7 +190,7 @@ def clear_cell(c, place, x, y):
 
 @njit
 def is_taken(c, bodies, x, y):
-    """Return whether a body other than the first stands in a cell."""
+    """Return whether a body other than the first stands in the cell (x, y)."""
     for body in range(1, bodies):
         start = body_start(c, bodies, body)
         if np.int64(row(c)[start]) == x and np.int64(row(c)[start + 1]) == y:
@@ -190,7 +200,11 @@ def is_taken(c, bodies, x, y):
 
 @njit
 def draw_cell(c, place, bodies, top, size, tries):
-    """Draw a free cell of a rectangle in which no body stands; a fault if there is none, or after so many tries."""
+    """Return a random free cell (x, y) of a rectangle in which no body stands.
+
+    It is a fault if there is none, or if none is found in ``tries`` draws. ``top`` is the rectangle's top left cell,
+    and ``size`` its numbers of columns and rows.
+    """
     for _ in range(tries):
         x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
         if x < 0:
@@ -204,14 +218,17 @@ def draw_cell(c, place, bodies, top, size, tries):
 
 @njit
 def place_item(c, place, bodies, item_fields, top, size, tries):
-    """Put an item into a random free cell of a rectangle."""
+    """Put a new item into a random free cell of a rectangle; return its identity, x and y.
+
+    The parameters are those of `draw_cell` and `put`.
+    """
     x, y = draw_cell(c, place, bodies, top, size, tries)
     return put(c, place, item_fields, x, y)
 
 
 @njit
 def stand(c, place, bodies, body, x, y, direction):
-    """Put a body into a cell, which is not checked, with a direction."""
+    """Put a body into the cell (x, y), which is not checked, looking in a direction; a missing body is a fault."""
     if body < 0 or body >= bodies:
         fail(c, place, INDEX, body, bodies)
     start = body_start(c, bodies, body)
@@ -222,7 +239,7 @@ def stand(c, place, bodies, body, x, y, direction):
 
 @njit
 def put_agent(c, place, bodies, x, y, direction, body):
-    """Put a body into a cell of the grid."""
+    """Put a body into the cell (x, y), looking in a direction; a cell outside the grid is a fault."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
     stand(c, place, bodies, body, x, y, direction)
@@ -230,7 +247,7 @@ def put_agent(c, place, bodies, x, y, direction, body):
 
 @njit
 def place_agent(c, place, bodies, top, size, direction, body):
-    """Put a body into a random free cell; a direction of -1 is drawn."""
+    """Put a body into a random free cell of a rectangle, and return the cell (x, y); a direction of -1 is drawn."""
     stand(c, place, bodies, body, -1, -1, -1)
     x, y = draw_cell(c, place, bodies, top, size, 1 if bodies == 1 else 10_000)
     way = draw_integer(rng_state(c), 0, 4) if direction == -1 else direction
@@ -240,7 +257,11 @@ def place_agent(c, place, bodies, top, size, direction, body):
 
 @overloaded
 def colour_number(c, place, colour, numbers):
-    """Return the number of a colour from the number of its name in the program's table of texts."""
+    """Return the number of a colour; it is a fault if there is no such colour.
+
+    ``colour`` is a tuple with the number of its name among the program's texts, and ``numbers`` has by number of a text
+    the number of the colour, or -1.
+    """
 
     def look_up(c, place, colour, numbers):
         if numbers[colour[0]] < 0:
@@ -252,7 +273,7 @@ def colour_number(c, place, colour, numbers):
 
 @overloaded
 def text_part(c, place, nth, part):
-    """Record the text or whole number that fills a placeholder of the mission."""
+    """Record the text (a tuple with its number) or whole number that fills placeholder ``nth`` of the mission."""
     if isinstance(part, types.UniTuple) and len(part) == 1:
 
         def record_text(c, place, nth, part):
@@ -272,19 +293,23 @@ def text_part(c, place, nth, part):
 
 @njit
 def set_task(c, nth, number):
-    """Set the number of the task, or one of the task's parameters."""
+    """Set the number of the task (``nth`` is 0), or the task's parameter with the number ``nth``, from 1."""
     row(c)[12 + nth] = number
 
 
 @njit
 def ahead(x, y, direction):
-    """Return the next cell in a direction."""
+    """Return the next cell (x, y) in a direction."""
+    # as in `cells.ahead`
     return x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
 
 
 @njit
 def move_to_cell(c, place, identity, cell):
-    """Move an object to an empty cell, as the kernel `move` does."""
+    """Move an object to an empty cell (x * height + y), as the kernel `state.move` does.
+
+    It is a fault if the object lies in no cell, or the cell is outside the grid.
+    """
     count = np.int64(row(c)[0]) * np.int64(row(c)[1])
     if identity < 1 or identity > np.int64(row(c)[11]) or cell < 0 or cell >= count:
         fail(c, place, OUTSIDE, identity, cell)
@@ -295,7 +320,10 @@ def move_to_cell(c, place, identity, cell):
 
 @njit
 def draw_once(c, place, top, size):
-    """Draw an empty cell of a rectangle in which the first body does not stand."""
+    """Return a random empty cell (x, y) of a rectangle in which the first body does not stand; none is a fault.
+
+    ``top`` and ``size`` are as in `draw_cell`.
+    """
     x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
     if x < 0:
         row(c)[23] = 0
@@ -305,7 +333,7 @@ def draw_once(c, place, top, size):
 
 @njit
 def check_bodies(c, place, bodies):
-    """Check that every body stands in a cell of its own and looks in a direction."""
+    """Check that every body stands in a cell of the grid, alone, and looks in a direction; otherwise it is a fault."""
     for body in range(bodies):
         start = body_start(c, bodies, body)
         x = np.int64(row(c)[start])
@@ -320,7 +348,7 @@ def check_bodies(c, place, bodies):
 
 @njit
 def clear_bodies(c, bodies):
-    """Remove every body but the first."""
+    """Remove every body but the first, which `clear_row` removes."""
     for body in range(1, bodies):
         start = body_start(c, bodies, body)
         row(c)[start] = -1
@@ -331,7 +359,7 @@ def clear_bodies(c, bodies):
 
 @njit
 def body(c, place, bodies, nth):
-    """Return a body's column, row, direction and the code of what it carries."""
+    """Return the column, row, direction and the code of what it carries of body ``nth``; a missing body is a fault."""
     if nth < 0 or nth >= bodies:
         fail(c, place, INDEX, nth, bodies)
     start = body_start(c, bodies, nth)

@@ -33,7 +33,10 @@ class LayoutCalls(Expressions):
         return self._coloured_item(node, callee, named)
 
     def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
-        """Return the translation of a call that makes an item whose colour or contents are computed."""
+        """Return the translation of a call of ``callee`` that makes an item whose colour or contents are computed.
+
+        ``named`` has the meanings of the arguments that are given by name.
+        """
         by_name = {keyword.arg: keyword.value for keyword in node.keywords}
         colour = node.args[0] if node.args else by_name.get("colour")
         contents = node.args[1] if len(node.args) > 1 else by_name.get("contains")
@@ -55,7 +58,7 @@ class LayoutCalls(Expressions):
         return f"rt.colour_number(c, {self.place(node)}, {self.expression(node)}, COLOURS)"
 
     def _argument(self, node: ast.Call, nth: int, name: str, default: str) -> str:
-        """Return the translation of an argument, given by position or by name, or else the default."""
+        """Return the translation of a call's argument, given at position ``nth`` or by name, or else ``default``."""
         if nth < len(node.args):
             return self.expression(node.args[nth])
         for keyword in node.keywords:

@@ -38,8 +38,15 @@ class RulesLibrary:
     """The compiled functions of a program.
 
     Args:
-        code: an object file.
-        has_steps: whether it has `reward_and_done`, beside the layout.
+        code: the contents of an object file.
+        has_steps: whether it has `reward_and_done`, in addition to the layout.
+
+    Attributes:
+        layouts: lays out episodes of the worlds in a table (see `entries`), whose address it takes; a result that is
+            not 0 means that the table has a fault.
+        steps: runs `reward_and_done` likewise; None if there is none.
+        layout_of_one: does the same as ``layouts``, without releasing the interpreter lock.
+        step_of_one: does the same as ``steps``, without releasing the interpreter lock.
     """
 
     def __init__(self, code: bytes, *, has_steps: bool) -> None:
@@ -51,7 +58,7 @@ class RulesLibrary:
         self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
 
     def _function(self, name: str, kind: Any) -> CompiledFunction:
-        """Return a compiled function by its name; raise OSError if there is none."""
+        """Return a compiled function by its name, as the ctypes ``kind``; raise OSError if there is none."""
         address = self._engine.get_function_address(name)
         if address == 0:
             raise OSError(f"the compiled rules have no {name}")
@@ -86,7 +93,10 @@ _LIBRARIES: dict[str, RulesLibrary] = {}
 
 
 def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
-    """Return the compiled form of translated source from memory or the user's cache; None if it is in neither."""
+    """Return the compiled form of translated source from memory or the user's cache; None if it is in neither.
+
+    ``has_steps`` says whether the source has `reward_and_done`.
+    """
     if not can_load():
         return None
     key = _name_entry(text)
@@ -101,8 +111,11 @@ def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
 def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
     """Return the compiled form of translated source, compiling it if it is not in the cache.
 
+    ``has_steps`` says whether the source has `reward_and_done`.
+
     Raises:
-        TranslationError: if it does not compile; the message begins with ``LINE`` and the line of the source.
+        TranslationError: if Numba is missing, or the source does not compile; in the second case, the message begins
+            with ``LINE`` and the line of the translated source.
     """
     library = find_library(text, has_steps=has_steps)
     if library is not None:
@@ -123,7 +136,7 @@ def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
 
 
 def _name_entry(text: str) -> str:
-    """Return the cache key of translated source, which covers the machine and our own sources."""
+    """Return the cache key of translated source, which depends on the machine and our own sources, too."""
     llvm = _llvm()
     machine = f"{llvm.get_process_triple()} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
     return hashlib.sha256("\n".join([text, machine, _sources_digest()]).encode()).hexdigest()[:40]
@@ -153,7 +166,7 @@ def cache_folder() -> Path | None:
 
 
 def _read_cached(key: str) -> bytes | None:
-    """Read an object file from the user's cache; None if it is absent, damaged or not private."""
+    """Return the contents of an object file in the user's cache; None if it is absent, damaged or not private."""
     folder = cache_folder()
     if folder is None or not _is_private(folder):
         return None
@@ -172,7 +185,10 @@ def _read_cached(key: str) -> bytes | None:
 
 
 def _write_cached(key: str, code: bytes) -> None:
-    """Write an object file into the user's cache, if it is on and private, and remove files unused for longest."""
+    """Write an object file into the user's cache, if that is on and private, and remove files unused for longest.
+
+    ``key`` is the cache key and ``code`` the file's contents.
+    """
     folder = cache_folder()
     if folder is None:
         return

@@ -37,7 +37,7 @@ _FORMS: dict[int, Any] = {}
 
 
 def numba_form(kernel: Any) -> Any:
-    """Return one of our kernels in the form that Numba compiles when other code first calls it."""
+    """Return one of our kernels as a Numba function, which is compiled when other compiled code first calls it."""
     source = _find_source(kernel)
     if id(source.function) not in _FORMS:
         function = source.function
@@ -99,7 +99,11 @@ U8 = array_at(np.uint8)
 
 
 def _array_of(word: int, kind: type[np.generic]) -> Any:
-    """Return an intrinsic that returns one of a context's arrays. Only the row knows its length."""
+    """Return an intrinsic that returns one of a context's arrays.
+
+    ``word`` is the index in the context of the array's address, and ``kind`` the type of its elements. The row has its
+    own length; all others have the length `MOST_NUMBERS`, whatever memory they have.
+    """
     dtype = numba.from_dtype(np.dtype(kind))
     array = types.Array(dtype, 1, "C")
 
@@ -136,7 +140,7 @@ float_scratch = _array_of(SCRATCH, np.float64)
 
 
 def _store_fault(builder: Any, values: Any, kind: int) -> None:
-    """Emit code that records a fault's kind and place."""
+    """Emit code that records a fault's kind and place; ``values`` begins with the context's address and the place."""
     word = ir.IntType(64)
     block = builder.inttoptr(values[0], word.as_pointer())
     start = builder.load(builder.gep(block, [ir.Constant(word, FAULT)]))
@@ -146,7 +150,16 @@ def _store_fault(builder: Any, values: Any, kind: int) -> None:
 
 
 def fail_if(context: Any, builder: Any, signature: Any, values: Any, condition: Any, kind: int) -> None:
-    """Emit code that records a fault if a condition holds when the rules run."""
+    """Emit code that records a fault and ends the call if a condition holds when the rules run.
+
+    Args:
+        context: Numba's target context.
+        builder: LLVM's builder, at the place of the code.
+        signature: the signature of the intrinsic.
+        values: the intrinsic's arguments: a world's context, the number of a place, and others.
+        condition: LLVM's value of the condition.
+        kind: the kind of fault.
+    """
     with builder.if_then(condition, likely=False):
         _store_fault(builder, values, kind)
         context.call_conv.return_user_exc(builder, ValueError, ("fault",))
@@ -154,7 +167,7 @@ def fail_if(context: Any, builder: Any, signature: Any, values: Any, condition: 
 
 @njit
 def fail(c, place, kind, a, b):
-    """Record a fault with two numbers, and end the call."""
+    """Record a fault of a kind with two numbers for its message, and end the call."""
     fault(c)[0] = kind
     fault(c)[1] = place
     fault(c)[2] = a
@@ -183,7 +196,7 @@ def _make_stub(name: str) -> Any:
 
 
 def overloaded(typed: Any) -> Any:
-    """Return a function for which Numba compiles whatever the decorated one returns for the arguments' types."""
+    """Return a function in whose place Numba compiles what the decorated one returns for the arguments' types."""
     stub = _make_stub(typed.__name__)
     overload(stub, jit_options=OPTIONS, strict=False)(typed)
     return stub

@@ -50,7 +50,7 @@ def act_many(
 
 @kernel("(int32[:, ::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
 def see_many(rows: NDArray[np.int32], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
-    """Write the observation of each world into ``images`` and ``directions``."""
+    """Write the agent's view and direction in each world into ``images`` and ``directions``."""
     for i in range(len(rows)):
         see(rows[i], images[i])
         directions[i] = rows[i, DIRECTION]
@@ -97,7 +97,7 @@ def act_teams(
 
 @kernel("(int32[:, ::1], uint8[:, :, :, :, ::1], boolean[::1])", nogil=True)
 def see_teams(rows: NDArray[np.int32], images: NDArray[np.uint8], selected: NDArray[np.bool_]) -> None:
-    """Write the views of all bodies of the selected worlds into ``images``."""
+    """Write the views of all bodies of the worlds that ``selected`` marks into ``images``, by world and body."""
     for i in range(len(rows)):
         if selected[i]:
             for body in range(images.shape[1]):

@@ -30,7 +30,13 @@ _OURS = "minihuman."
 
 @dataclass(frozen=True, slots=True)
 class _Translated:
-    """The result of translating a class's rules, valid for worlds with certain attributes."""
+    """The result of translating a class's rules, valid for worlds with certain attributes.
+
+    Attributes:
+        program: the translated rules; None if they cannot be translated.
+        refusal: why they cannot be translated, or "".
+        kinds: by name, the types of the attributes that the rules read as settings.
+    """
 
     program: Program | None
     refusal: str
@@ -100,7 +106,7 @@ def compile_rules(world: Any) -> None:
     """Compile a world's rules, unless the user's cache has them, so that worlds of the class run them from now on.
 
     Raises:
-        TranslationError: if they cannot be translated or compiled; the message names the line and the way out.
+        TranslationError: if they cannot be translated or compiled; the message names the line and what to do.
     """
     program = translate_rules(world)
     vars(world).pop("_has_no_rules", None)
@@ -119,7 +125,7 @@ def compile_rules(world: Any) -> None:
 
 
 def _explain_failure(text: str) -> str:
-    """Return an error text with the first lines of Numba's message that state the error."""
+    """Return an error text for an author, with the first lines of Numba's message ``text`` that state the error."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in text.splitlines()]
     error_lines = [
         line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
@@ -165,7 +171,9 @@ def _find_rules(world: Any) -> "WorldRules | None":
 
 
 def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None = None) -> None:
-    """Raise the error that compiled rules recorded.
+    """Raise the error that compiled rules recorded in a table (see `entries`).
+
+    If ``world`` is given, the message names this number of a world in a batch.
 
     Raises:
         Exception: what Python would have raised; the message begins with the author's file and line.
@@ -180,7 +188,7 @@ def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None
 def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
     """Return the mission that a layout has set, or the mission ``first`` if it set none.
 
-    The parts are the number of the template from 1, or 0, and for each placeholder whether a text fills it, and the
+    ``parts`` are the number of the template from 1, or 0, and for each placeholder whether a text fills it, and the
     number of that text or the number that fills it.
     """
     number = int(parts[0])
@@ -198,7 +206,7 @@ def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
 
 
 def first_mission_of(world: Any) -> str:
-    """Return the mission of a world's episodes in which the layout sets none."""
+    """Return the mission that a world has in episodes in which the layout sets none."""
     if hasattr(world, "mission_space"):
         return str(world.mission_space.first())
     return str(world.first_mission)
@@ -240,7 +248,7 @@ class WorldRules:
         return type(None), ()
 
     def refresh_for(self, world: Any) -> bool:
-        """Read a world's settings again if these are the rules of the world in its present state; return whether so."""
+        """Return whether these are the rules of the world as it is now; if so, read its settings again."""
         if self._row is not world._row or self._own is not own_numbers(world):
             return False
         try:
@@ -273,7 +281,10 @@ class WorldRules:
         table[entries.SCRATCH] = self._scratch.ctypes.data
 
     def lay_out(self, world: Any, rng_state: NDArray[np.uint64]) -> str:
-        """Lay out an episode, and return its mission: the world's first one, unless the layout sets another."""
+        """Lay out an episode with the random stream ``rng_state``, and return its mission.
+
+        It is the world's first mission, unless the layout sets another.
+        """
         self._table[entries.RNG] = rng_state.ctypes.data
         if self._library.layout_of_one(self._address):
             raise_fault(self._program, self._table)
@@ -282,7 +293,10 @@ class WorldRules:
     def judge_team(
         self, actions: NDArray[np.int64], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Run a team's `reward_and_done` after a joint action; return the rewards and whether the episode ended."""
+        """Run a team's `reward_and_done` after a joint action; return the rewards and whether the episode ended.
+
+        ``rewards`` and ``terminated`` are what the grid's own rules say.
+        """
         self._actions[:] = actions
         self._rewards[:] = rewards
         self._run_rules(terminated)
@@ -291,7 +305,10 @@ class WorldRules:
     def judge(
         self, world: Any, rng_state: NDArray[np.uint64], action: int, reward: float, terminated: bool
     ) -> tuple[float, bool]:
-        """Run `reward_and_done` after an action; return the reward, and whether the episode has ended."""
+        """Run `reward_and_done` after an action; return the reward, and whether the episode has ended.
+
+        ``reward`` and ``terminated`` are what the grid's own rules say.
+        """
         self._action_view[0] = action
         self._reward_view[0] = reward
         self._run_rules(terminated)

@@ -52,7 +52,7 @@ class Statements(Calls):
         self.lines.append((_INDENT * self._depth + text, self.place(node)))
 
     def body(self, statements: Iterable[ast.stmt]) -> None:
-        """Translate statements one after the other."""
+        """Translate statements one after the other; refuse a statement of a kind that cannot be translated."""
         for statement in statements:
             method = getattr(self, f"_translate_{type(statement).__name__.lower()}", None)
             if method is None:
@@ -143,7 +143,7 @@ class Statements(Calls):
         self._assign_text(target, self.expression(node.value), node)
 
     def _assign_name(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
-        """Assign an alias of the state, or a list, and return True; return False for another right side."""
+        """Translate ``name = ...`` with an alias of the state, or a list, and return True; return False for others."""
         symbol = self.symbol(right_side)
         if symbol is not None and symbol.kind != "constant":
             self.symbols[target.id] = symbol
@@ -152,7 +152,7 @@ class Statements(Calls):
         return self._assign_list(target, right_side, node)
 
     def _assign_list(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
-        """Copy a new list into an array of its own and return True; return False for another right side."""
+        """Translate the assignment of a new list, as an array in scratch memory, and return True; else return False."""
         match right_side:
             case ast.List():
                 length = len(right_side.elts)
@@ -180,7 +180,7 @@ class Statements(Calls):
         return count.value, self.expression(elements.elts[0])
 
     def _has_floats(self, right_side: ast.expr) -> bool:
-        """Return whether a list holds floats: a float constant, or a name with "reward" in it."""
+        """Return whether a list is taken to hold floats: if it has a float constant, or a name with "reward" in it."""
         parts = list(ast.walk(right_side))
         has_float_constant = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
         return has_float_constant or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
@@ -213,7 +213,7 @@ class Statements(Calls):
         return self.expression(part.value)
 
     def _assign_tuple(self, target: ast.Tuple | ast.List, right_side: ast.expr, node: ast.AST) -> None:
-        """Assign to several targets, after all elements of the right side are computed."""
+        """Translate an assignment to several targets, after all elements of the right side are computed."""
         count = len(target.elts)
         if isinstance(right_side, ast.Tuple) and len(right_side.elts) == count:
             names = [self._new_temporary() for _ in range(count)]
@@ -233,7 +233,7 @@ class Statements(Calls):
         return f"_t{self._temporaries}"
 
     def _assign_text(self, target: ast.expr, text: str, node: ast.AST) -> None:
-        """Assign a translated expression to a target; a name with another meaning before becomes a variable."""
+        """Translate the assignment of ``text``, a translated expression; a name with a meaning becomes a variable."""
         place = self.place(node)
         if isinstance(target, ast.Name):
             self.symbols.pop(target.id, None)
@@ -275,7 +275,7 @@ class Statements(Calls):
             self.emit(f"rt.copy_into(c, {place}, {self._field(field)}, {text})", node)
 
     def _assign_element(self, target: ast.Subscript, text: str, place: int, node: ast.AST) -> None:
-        """Assign a translated expression to an element, a row or all elements of an array."""
+        """Translate the assignment of ``text`` to an element, a row or all elements of an array."""
         values = self.expression(target.value)
         if isinstance(target.slice, ast.Slice):
             if any((target.slice.lower, target.slice.upper, target.slice.step)):
@@ -347,6 +347,6 @@ class Statements(Calls):
         self.emit(f"for {name} in {self.expression(iterated)}:", node)
 
     def _bind_targets(self, node: ast.AST) -> None:
-        """Assign the element of the latest loop to that loop's target."""
+        """Translate the assignment of the latest loop's element to that loop's target."""
         target, text = self._elements
         self._assign_text(target, text, node)

@@ -64,7 +64,7 @@ CODE_FUNCTIONS: dict[int, str] = {
 
 
 def format_constant(constant: Any, texts: list[str], numbers_of_kinds: Callable[[Item], int]) -> str | None:
-    """Return a constant as translated source, or None if rules cannot use such a constant.
+    """Return a constant as translated source, or None if rules cannot use it.
 
     Args:
         constant: the constant.
@@ -116,7 +116,7 @@ def item_numbers(thing: Item, numbers_of_kinds: Callable[[Item], int]) -> tuple[
 
 
 def number_kind(thing: Item, kinds: tuple[ObjectKind, ...]) -> int:
-    """Return the number of an item's kind in a world with these kinds of its own.
+    """Return the number of an item's kind in a world whose own kinds are ``kinds``.
 
     Raises:
         WorldError: if the kind is none of the world's.
@@ -144,7 +144,7 @@ class FunctionSource:
 
 
 def read_function(function: FunctionType) -> FunctionSource:
-    """Return the syntax tree of an author's function.
+    """Return the source of an author's function as a syntax tree.
 
     Raises:
         TranslationError: if there is no source, or it is no plain function.

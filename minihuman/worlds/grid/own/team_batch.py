@@ -25,7 +25,7 @@ LOG = logging.getLogger("minihuman")
 
 
 def make_team_batch(world: Any, num_worlds: int) -> TeamBatch:
-    """Return a batch of copies of a team grid, compiled if its rules can be translated."""
+    """Return a batch of ``num_worlds`` copies of a team grid, compiled if its rules can be translated."""
     if type(world).is_translated and not type(world).__module__.startswith("minihuman."):
         try:
             compile_rules(world)
@@ -77,7 +77,7 @@ class OwnTeamBatch(TeamBatch):
         )
 
     def reset(self, seed: int) -> NDArray[Any]:
-        """Begin an episode in every world, with seeds drawn from ``seed``; return the observations."""
+        """Begin an episode in every world, with seeds drawn from ``seed``; return the bodies' observations."""
         self._seeds = np.random.default_rng(seed)
         self._begin(np.arange(self.num_worlds))
         see_teams(self._rows, self.observations, self._everywhere)
@@ -118,7 +118,7 @@ class OwnTeamBatch(TeamBatch):
 
     @staticmethod
     def _sum_over_bodies(rewards: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the total reward of all bodies, float64[worlds, 1], added from the first body to the last.
+        """Return each world's total reward of all bodies, float64[worlds, 1], added from the first body to the last.
 
         `TeamGrid.step` adds them in this order, too.
         """

@@ -1,8 +1,8 @@
 """The translation of a world's `layout` and `reward_and_done` into one source that Numba compiles.
 
-Every function of the translated source takes a context, a tuple of arrays: the row of state; the declared fields as
-int64 and, on the same memory, as float64; settings as int64 and as float64; the random stream; the record of a fault;
-the mission's parts; and scratch memory for short lists, as int64 and as float64.
+Every function of the translated source takes the address of a context (see `context`), through which it finds the row
+of state; the declared fields as int64 and, on the same memory, as float64; settings as int64 and as float64; the random
+stream; the record of a fault; the mission's parts; and scratch memory for short lists, as int64 and as float64.
 """
 
 import ast
@@ -41,8 +41,8 @@ class Program:
 
     Args:
         text: the source; it names no file.
-        lines: for each line of it, the place it came from.
-        places: by number, files and lines of the author's.
+        lines: for each line of the source, the number of the place from which it came; -1 for none.
+        places: by number, places in the author's source: a file and a line.
         texts: by number, the texts that rules use.
         templates: by number, missions; None stands for a part that the rules fill in.
         settings: attributes that the rules read as whole numbers, from each world anew.
@@ -52,6 +52,7 @@ class Program:
         has_reward: whether `reward_and_done` is translated.
         draws: whether the rules draw random numbers.
         scratch: how many numbers of scratch memory they need.
+        mission_length: how many numbers record a mission: its template, and two for each placeholder.
     """
 
     text: str
@@ -69,7 +70,7 @@ class Program:
     mission_length: int = field(default=1)
 
     def place(self, number: int) -> str:
-        """Return a place of the author's source as ``file:line``."""
+        """Return the place with a number as ``file:line``; for -1, "the compiled rules"."""
         if not 0 <= number < len(self.places):
             return "the compiled rules"
         path, line = self.places[number]
@@ -138,9 +139,10 @@ class Translation:
         )
 
     def _translate_method(self, name: str, symbols: dict[str, Symbol], returns: str) -> str:
-        """Translate one of the world's methods, and return the name of the translation.
+        """Translate one of the world's methods, and return the name of the translated function.
 
-        The symbols are the meanings of its first parameters in order, whatever the author calls these.
+        The symbols are the meanings of its first parameters in order, whatever the author calls these. ``returns`` is
+        as in `Statements`.
         """
         function, owner = self._look_up(name, None)
         source = read_function(function)
@@ -156,7 +158,7 @@ class Translation:
         symbols: dict[str, Symbol],
         returns: str = "any",
     ) -> str:
-        """Translate a function, and return the name of the translation."""
+        """Translate an author's function, and return the name of the translated one; parameters as in `Statements`."""
         arguments = source.node.args
         if arguments.vararg or arguments.kwarg or arguments.posonlyargs:
             line = source.node.lineno + source.offset
@@ -176,14 +178,14 @@ class Translation:
         return f"{letter}{self._count}"
 
     def _add_function(self, name: str, parameters: Sequence[str], lines: Iterable[tuple[str, int]]) -> None:
-        """Add a function to the translated source, of lines with the numbers of their places."""
+        """Add a function to the translated source; ``lines`` has the text of each line and the number of its place."""
         self._lines += [("@rt.njit", -1), (f"def {name}({', '.join(parameters)}):", -1)]
         self._lines += list(lines) or [("    pass", -1)]
 
     # --- what the translation of a function needs ---
 
     def number_place(self, path: str, line: int) -> int:
-        """Return the number of a place in the author's source."""
+        """Return the number of a place, a file and a line of the author's source; a new place gets a new number."""
         return self._places.setdefault((path, line), len(self._places))
 
     def constant(self, content: Any) -> str | None:
@@ -241,7 +243,7 @@ class Translation:
         return None
 
     def is_base_method(self, name: str) -> bool:
-        """Return whether a method is one of ours, not the author's."""
+        """Return whether a method of the world is defined by this package, not the author; False if there is none."""
         for owner in type(self.world).__mro__:
             if name in vars(owner):
                 return owner.__module__.startswith(_OURS)
@@ -272,7 +274,11 @@ class Translation:
     def find_method(
         self, caller: Statements, node: ast.AST, name: str, after: type | None = None
     ) -> tuple[FunctionType, type | None]:
-        """Return one of the author's methods and the class that defines it; None as the class of a static method."""
+        """Return one of the author's methods and the class that defines it; None as the class of a static method.
+
+        Refuse the node, a call in ``caller``, if there is no such method. With ``after``, only classes after it in the
+        method resolution order are searched.
+        """
         try:
             return self._look_up(name, after)
         except KeyError:
@@ -286,7 +292,15 @@ class Translation:
         owner: type | None,
         symbols: dict[str, Symbol],
     ) -> str:
-        """Return the name of the translation of an author's function, which is made once for the same symbols."""
+        """Return the name of the translation of an author's function, which is made once for the same symbols.
+
+        Args:
+            caller: the translation of the function that calls it.
+            node: the call.
+            function: the author's function.
+            owner: the class in which it is defined; None outside a class.
+            symbols: the meanings of the parameters that are not passed as numbers, such as ``self``.
+        """
         key = function, tuple(sorted((name, symbol.kind, id(symbol.value)) for name, symbol in symbols.items()))
         if key not in self._functions:
             self._functions[key] = ""
@@ -376,7 +390,7 @@ class Translation:
         return name, captured
 
     def diagram(self, text: str, place: int) -> list[str]:
-        """Return the translated statements that lay out a diagram."""
+        """Return the translated statements that lay out a diagram; ``place`` is the number of the call's place."""
         writer = _DiagramWriter(self, place)
         from_text(text, writer)  # type: ignore[arg-type]  # it calls these methods alone
         return writer.lines
@@ -388,7 +402,7 @@ class Translation:
         return self._templates.index(template) + 1
 
     def scratch(self, length: int, *, is_float: bool) -> str:
-        """Reserve scratch memory for a list, and return the translated source of an array on this memory.
+        """Reserve scratch memory for a list of ``length`` numbers; return the translated source of an array on it.
 
         Raises:
             TranslationError: if the world's lists need too much memory.

@@ -53,7 +53,7 @@ class Atlas:
 
 @lru_cache(maxsize=16)
 def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> Atlas:
-    """Return the atlas of all tiles at one size in one palette; it is drawn once and cached."""
+    """Return the atlas of all tiles at one size in one palette, with the world's own ``kinds``; it is cached."""
     looks = [EMPTY, RED_LAVA]
     for colour in range(len(COLOURS)):
         looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
@@ -86,7 +86,10 @@ def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = 
 def _minigrid_atlas(
     tile_px: int, looks: list[int], number: NDArray[np.int64], kinds: "tuple[ObjectKind, ...]"
 ) -> Atlas:
-    """Return the atlas of Minigrid's tiles, in which the agent is part of its tile, and an unseen cell looks empty."""
+    """Return the atlas of Minigrid's tiles, in which the agent is part of its tile, and an unseen cell looks empty.
+
+    The parameters are those of `atlas`; ``looks`` are all looks that have a tile, and ``number`` has their tiles.
+    """
     under = np.zeros((4, LOOKS), np.int64)
     combinations: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
     for direction in range(4):
@@ -120,7 +123,7 @@ def draw_grid(
     kinds: "tuple[ObjectKind, ...]" = (),
     lit: bool = True,
 ) -> Pixels:
-    """Draw a picture of the whole grid or of the agent's view, uint8[rows * tile_px, columns * tile_px, 3].
+    """Return a picture of the whole grid or of the agent's view, uint8[rows * tile_px, columns * tile_px, 3].
 
     Args:
         row: the state.
@@ -149,7 +152,7 @@ def draw_grid(
 
 @device_function("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
 def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
-    """Blend a partly transparent figure, by its index in ``figures``, into a picture, at a pixel column and row."""
+    """Blend a partly transparent figure, ``figures[figure]``, into the picture ``out`` at a pixel column and row."""
     for v in range(figures.shape[1]):
         for u in range(figures.shape[2]):
             alpha = np.int64(figures[figure, v, u, 3])
@@ -227,7 +230,7 @@ def draw_cells(
     if not full:
         x = middle
         y = bottom
-        direction = 3
+        direction = 3  # the view is turned so that the agent looks up
         look = np.int64(row[CARRYING])
     if in_view:  # there the agent is part of its tile
         lay_tile(tiles, lit[x, y], under[direction, look & LOOKS - 1], x, y, words)
@@ -236,7 +239,7 @@ def draw_cells(
 
 @device_function(force_inline=True)
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
-    """Copy a tile into a picture, at a column and row of cells."""
+    """Copy ``tiles[lit, tile]`` into a picture, at a column and row of cells; ``lit`` is 1 for the lit tile, else 0."""
     height = tiles.shape[2]
     width = tiles.shape[3]
     left = column * width
@@ -266,7 +269,10 @@ def put_agent(
     top: int,
     out: Pixels,
 ) -> None:
-    """Draw the agent over its tile, and a small picture of what it carries in the lower right corner."""
+    """Draw the agent over its tile, and a small picture of what it carries in the tile's lower right corner.
+
+    ``left`` and ``top`` are the tile's pixel column and row in ``out``; the arrays are those of an `Atlas`.
+    """
     lay_over(agents, direction, left, top, out)
     if row[CARRYING] != EMPTY:
         inset = agents.shape[1] - carried.shape[1]

@@ -33,7 +33,15 @@ Inside = NDArray[np.bool_]  # (3 px, 3 px)
 def minigrid_tile(
     code: int, size_px: int, *, facing: int | None = None, lit: bool = False, kinds: "Sequence[ObjectKind]" = ()
 ) -> NDArray[np.uint8]:
-    """Draw a cell as Minigrid does, uint8[px, px, 3]; with ``facing``, the agent stands in it and looks that way."""
+    """Return the picture of a cell as Minigrid draws it, uint8[size_px, size_px, 3].
+
+    Args:
+        code: the code of the cell.
+        size_px: the number of pixels on a side.
+        facing: the direction of the agent in the cell: 0 right, 1 down, 2 left, 3 up; None for no agent.
+        lit: whether the agent sees the cell, which is then lighter.
+        kinds: the world's own kinds.
+    """
     board = _Board(FINE * size_px)
     board.fill(board.box(0, EDGE, 0, 1), LINE)
     board.fill(board.box(0, 1, 0, EDGE), LINE)
@@ -66,7 +74,10 @@ class _Board:
         return inside
 
     def bar(self, x0: float, y0: float, x1: float, y1: float, radius: float) -> Inside:
-        """Return the samples within ``radius`` of a line, whose ends are in single precision, as in Minigrid."""
+        """Return the samples within ``radius`` of the line from (x0, y0) to (x1, y1), as Minigrid computes them.
+
+        The ends of the line are rounded to single precision.
+        """
         start = np.array([x0, y0], np.float32)
         end = np.array([x1, y1], np.float32)
         along = end - start
@@ -110,7 +121,7 @@ def _sample_centres(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def _draw_object(board: _Board, code: int, kinds: "Sequence[ObjectKind]") -> None:
-    """Draw what a cell with this code contains over the floor."""
+    """Draw what a cell with this code contains, over the floor; ``kinds`` are the world's own kinds."""
     colour = colour_rgb(code, "minigrid")
     kind = kind_of(code)
     state = state_of(code)

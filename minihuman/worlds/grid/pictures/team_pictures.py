@@ -41,13 +41,16 @@ def prepare_figure(pixels: Pixels) -> Figure:
 
 @lru_cache(maxsize=256)
 def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figure:
-    """Draw the arrowhead of a body."""
+    """Return the arrowhead of a body as a figure for `blend`, ``tile_px`` pixels on a side.
+
+    The body looks in the direction 0 (right), 1 (down), 2 (left) or 3 (up).
+    """
     canvas = agent(direction, tile_px, palette, OBJECT_COLOURS[palette][BODY_COLOURS[body]])
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
 
 def blend(figure: Figure, left: int, top: int, out: Pixels) -> None:
-    """Blend a figure into a picture: the mean of the figure's and the picture's colours, weighted by the opacity."""
+    """Blend a figure into the picture ``out`` at a pixel column and row: the colours' mean, weighted by the opacity."""
     under = out[top : top + figure.paint.shape[0], left : left + figure.paint.shape[1]]
     mixed = under * figure.through  # with the paint at most 65,152, so that uint16 holds it
     mixed += figure.paint
@@ -65,7 +68,7 @@ def draw_team(
     palette: Palette,
     kinds: tuple[ObjectKind, ...] = (),
 ) -> Pixels:
-    """Draw what a body sees, looking up ("partial"), or the whole grid with what it sees lightened ("full")."""
+    """Return a picture of what a body sees, looking up ("partial"), or of the grid with this part lit ("full")."""
     tile_atlas = atlas(tile_px, palette, kinds)
     bodies = [row[body_index(row, number) :][:4].tolist() for number in range(count_bodies(row))]
     single_row = row[: row_length(int(row[WIDTH]), int(row[HEIGHT]))].copy()
@@ -132,7 +135,7 @@ _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62),
 def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:
     """Return the arguments with which `draw_kitchen_tile` draws each cell of a kitchen, row by row.
 
-    The cook of ``body`` has a white ring.
+    The cook with the number ``body`` has a white ring.
     """
     width, height, cooks = row[:3].tolist()
     times = row[fields.TIMES : fields.COOK].tolist()
@@ -155,7 +158,17 @@ def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> l
 def draw_kitchen_tile(
     terrain: int, thing: int, time: int, cook: tuple[RGB, int, int, bool] | None, size_px: int
 ) -> Pixels:
-    """Draw a cell of a kitchen: a station or the floor, and the cook on it. The caller must not write to the array."""
+    """Return the picture of a cell of a kitchen: a station or the floor, and the cook on it.
+
+    The caller must not write to the array, uint8[size_px, size_px, 3], because it is cached.
+
+    Args:
+        terrain: the number of the terrain.
+        thing: the number of the object in the cell; 0 for none.
+        time: the steps that the object cooks if it is a soup, else 0.
+        cook: the cook's colour, direction, carried object, and whether it is the observing cook; None for no cook.
+        size_px: the number of pixels on a side.
+    """
     out = _draw_station(terrain, thing, time, size_px).copy()
     if cook is not None:
         blend(_draw_cook(*cook, size_px), 0, 0, out)
@@ -164,7 +177,7 @@ def draw_kitchen_tile(
 
 @lru_cache(maxsize=1024)
 def _draw_station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
-    """Draw a station, or the floor, with the object on it."""
+    """Return the picture of a station, or of the floor, with the object on it; see `draw_kitchen_tile`."""
     canvas = Canvas(size_px)
     if terrain == fields.FLOOR:
         canvas.fill(canvas.everywhere(), shade(_FLOOR, -0.14))
@@ -192,9 +205,9 @@ def _draw_station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
 
 @lru_cache(maxsize=512)
 def _draw_cook(colour: RGB, direction: int, carried: int, is_observer: bool, size_px: int) -> Figure:
-    """Draw a cook from above with a hat, a pointed side that shows the direction, and the carried object.
+    """Return a cook seen from above, with a hat, a point that shows the direction, and the carried object.
 
-    The observing cook has a white ring.
+    The observing cook has a white ring. ``direction`` is 0 up, 1 down, 2 right or 3 left.
     """
     canvas = Canvas(size_px)
     forward = ((0, -1), (0, 1), (1, 0), (-1, 0))[direction]
@@ -218,7 +231,7 @@ def _draw_cook(colour: RGB, direction: int, carried: int, is_observer: bool, siz
 
 
 def _draw_thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
-    """Draw an object that can be carried, centred at a point; nothing for no object."""
+    """Draw an object that can be carried, centred at (u, v) in tiles, ``size`` times as large as usual; 0 is none."""
     kind = kind_of(thing)
     if kind == fields.ONION or kind == fields.TOMATO:
         _draw_vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
@@ -232,7 +245,7 @@ def _draw_thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> 
 
 
 def _draw_pot(canvas: Canvas, thing: int, time: int) -> None:
-    """Draw a pot from above with its contents, and a clock that fills during cooking and turns green at the end."""
+    """Draw a pot from above with its contents ``thing``, and a clock that fills in ``time`` steps and turns green."""
     canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(_POT, -0.5))
     canvas.fill(canvas.bar(0.12, 0.5, 0.88, 0.5, 0.07), _DARK)
     canvas.fill(canvas.disc(0.5, 0.5, 0.38), _STEEL)
@@ -254,14 +267,14 @@ def _draw_pot(canvas: Canvas, thing: int, time: int) -> None:
 
 
 def _draw_ingredients(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
-    """Draw the onions and tomatoes of a soup around a point."""
+    """Draw the onions and tomatoes of a soup around the point (u, v); ``size`` is their spread, all in tiles."""
     are_onions = [True] * onions_in(thing) + [False] * tomatoes_in(thing)
     for (spot_u, spot_v), is_onion in zip(_SPOTS[max(len(are_onions), 1) - 1], are_onions, strict=False):
         _draw_vegetable(canvas, is_onion, u + (spot_u - 0.5) * size, v + (spot_v - 0.5) * size, 0.13 * size)
 
 
 def _draw_vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float) -> None:
-    """Draw an onion or a tomato."""
+    """Draw an onion, or else a tomato, centred at (u, v); all lengths are in tiles."""
     colour = _ONION if is_onion else _TOMATO
     canvas.fill(canvas.disc(u, v, radius * 1.12), shade(colour, -0.55))
     canvas.fill(canvas.disc(u, v, radius), colour)
@@ -276,7 +289,7 @@ def _draw_vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: 
 
 
 def _draw_plate(canvas: Canvas, u: float, v: float, radius: float) -> None:
-    """Draw a plate."""
+    """Draw a plate centred at (u, v); all lengths are in tiles."""
     canvas.fill(canvas.disc(u, v, radius * 1.08), shade(_PLATE, -0.5))
     canvas.fill(canvas.disc(u, v, radius), _PLATE)
     canvas.fill(canvas.disc(u, v, radius * 0.68), shade(_PLATE, -0.12))

@@ -38,7 +38,7 @@ GRID_PALETTES: tuple[GridPalette, ...] = ("classic", "colour-safe", "minigrid")
 OBJECT_COLOURS: Mapping[GridPalette, tuple[RGB, ...]] = MappingProxyType(
     {
         "classic": ((235, 64, 52), (60, 200, 80), (66, 121, 245), (160, 88, 224), (247, 214, 64), (158, 163, 172)),
-        # told apart by lightness as well as by hue; the test beside this measures it for three kinds of eyes
+        # told apart by lightness as well as by hue; a test measures this for three kinds of eyes
         "colour-safe": ((208, 100, 12), (0, 130, 90), (32, 80, 255), (172, 140, 215), (255, 245, 130), (200, 200, 200)),
         "minigrid": ((255, 0, 0), (0, 255, 0), (0, 0, 255), (112, 39, 195), (255, 255, 0), (100, 100, 100)),
     }
@@ -56,14 +56,14 @@ WALL_COLOUR: RGB = (96, 101, 112)
 
 
 def colour_rgb(code: int, palette: GridPalette) -> RGB:
-    """Return the colour in which an object is drawn."""
+    """Return the colour in which an object with this code is drawn."""
     if kind_of(code) == cells.LAVA:
         return LAVA_COLOURS[palette]
     return OBJECT_COLOURS[palette][colour_of(code)]
 
 
 def hex_colour(code: int, palette: GridPalette) -> str:
-    """Return the colour in which an object is drawn, as "#rrggbb"."""
+    """Return the colour in which an object with this code is drawn, as "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*colour_rgb(code, palette))
 
 
@@ -93,17 +93,17 @@ class Canvas:
         return np.full_like(self.u, -1.0)
 
     def disc(self, u: float, v: float, radius: float) -> Plane:
-        """Return the shape of a disc."""
+        """Return the shape of a disc with the centre (u, v); all lengths are in tiles."""
         return np.hypot(self.u - u, self.v - v) - radius
 
     def box(self, left: float, top: float, right: float, bottom: float, corner: float = 0.0) -> Plane:
-        """Return the shape of a rectangle with rounded corners."""
+        """Return the shape of a rectangle whose corners are rounded with the radius ``corner``; lengths in tiles."""
         du = np.abs(self.u - (left + right) / 2) - (right - left) / 2 + corner
         dv = np.abs(self.v - (top + bottom) / 2) - (bottom - top) / 2 + corner
         return np.hypot(np.maximum(du, 0), np.maximum(dv, 0)) + np.minimum(np.maximum(du, dv), 0) - corner
 
     def bar(self, u0: float, v0: float, u1: float, v1: float, radius: float) -> Plane:
-        """Return the shape of a line with round ends, ``radius`` to each side of it."""
+        """Return the shape of a line from (u0, v0) to (u1, v1) with round ends, ``radius`` to each side of it."""
         along = np.clip(
             ((self.u - u0) * (u1 - u0) + (self.v - v0) * (v1 - v0)) / ((u1 - u0) ** 2 + (v1 - v0) ** 2), 0, 1
         )
@@ -223,14 +223,14 @@ def _paint_lava(canvas: Canvas, colour: RGB) -> None:
 
 
 def _paint_wave(canvas: Canvas, v: float, colour: Colour) -> None:
-    """Paint a wave, a zigzag of four lines across the tile about the height ``v``."""
+    """Paint a wave, a zigzag of four lines across the tile, around the height ``v``."""
     points = [(0.08 + 0.21 * i, v + (0.05 if i % 2 else -0.05)) for i in range(5)]
     for (u0, v0), (u1, v1) in pairwise(points):
         canvas.fill(canvas.bar(u0, v0, u1, v1, 0.022), colour)
 
 
 def _ring(canvas: Canvas, u: float, v: float, radius: float, thickness: float) -> Plane:
-    """Return the shape of a ring that extends ``thickness`` to each side of a circle."""
+    """Return the shape of a ring that extends ``thickness`` to each side of a circle with the centre (u, v)."""
     return abs(canvas.disc(u, v, radius)) - thickness
 
 

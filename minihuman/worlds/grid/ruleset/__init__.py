@@ -1,1 +1,1 @@
-"""Worlds whose rules and goal are drawn: things that change beside each other, in hand or beside the agent."""
+"""Worlds whose rules and goal are drawn: things that change next to each other, in hand or next to the agent."""

@@ -33,7 +33,7 @@ def _describe(tasks: TaskSet, number: int) -> str:
 
 
 class TaskMissions(Sequence[str]):
-    """The instructions of a batch's worlds at one moment. Each is written when it is first read."""
+    """The instructions of a batch's worlds at one moment, in the order of the worlds; each is made when it is read."""
 
     def __init__(self, tasks: TaskSet, task_numbers: NDArray[np.int32]) -> None:
         self._tasks = tasks
@@ -107,7 +107,8 @@ class RulesetBatch(RowVectorEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues.
+        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues. Return the
+        observations of all worlds and an empty info.
         """
         worlds = self._seed_worlds(seed, options)
         self._lay_out(worlds)
@@ -117,7 +118,7 @@ class RulesetBatch(RowVectorEnv):
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Take one action in every world.
+        """Take one action in every world; return observations, rewards, terminated, truncated and info of Gymnasium.
 
         Raises:
             WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
@@ -145,7 +146,7 @@ class RulesetBatch(RowVectorEnv):
         return self._build_observation(*seen), rewards, terminated, truncated, info
 
     def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
-        """Return the error for an action that a world cannot take."""
+        """Return the error for the action that the world with the number ``world`` cannot take."""
         phase = self._rows[world, PHASE]
         return self._build_refusal(
             world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=TOGGLE
@@ -168,7 +169,7 @@ class RulesetBatch(RowVectorEnv):
         self._after_layout()
 
     def _after_layout(self) -> None:
-        """Update the missions, goals and rules in observations after worlds were laid out."""
+        """Update the missions, goals and rules that observations have, after worlds were laid out."""
         self._missions = TaskMissions(self._world.source.tasks, self._rows[:, TASK].copy())
         if self._world.observes_task:
             self._encodings = encode_tasks(self._rows, self._world.most_rules)
@@ -191,7 +192,10 @@ class RulesetBatch(RowVectorEnv):
         return observation
 
     def _collect_final(self, over: NDArray[np.bool_], last: Observation) -> dict[str, Any]:
-        """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
+        """Return the last observations of the worlds whose episodes ended, as the info of Gymnasium's "SameStep" mode.
+
+        ``over`` says which worlds these are, bool[n], and ``last`` has the observations of all worlds.
+        """
         observations = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(over).tolist():
             parts = {name: part[i] for name, part in last.items()}

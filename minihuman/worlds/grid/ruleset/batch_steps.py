@@ -39,7 +39,7 @@ def find_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
 
 @device_function()
 def observe_row(row: Row, image: NDArray[np.uint8], pocket: NDArray[np.uint8]) -> int:
-    """Write the agent's view, and the kind and colour of the tile that it carries; return its direction."""
+    """Write the agent's view, and the kind and colour of the tile that it carries; return the agent's direction."""
     view_row(row, image)
     pocket[0] = row[POCKET] & 15
     pocket[1] = row[POCKET] >> 4
@@ -65,8 +65,8 @@ def step_rulesets(
 ) -> int:
     """Step all worlds and observe them.
 
-    The worlds that autoreset must lay out anew are written to ``over``. A world whose episode has already ended is not
-    stepped and earns nothing.
+    ``over`` receives the numbers of the worlds that autoreset must lay out anew in ``mode``; the other arrays have an
+    entry per world. A world whose episode has already ended is not stepped and earns nothing.
 
     Returns:
         The number of worlds to lay out anew; or, if a world refuses its action or must not be stepped now, the
@@ -100,7 +100,10 @@ def observe_rulesets(
     directions: NDArray[np.int64],
     pockets: NDArray[np.uint8],
 ) -> None:
-    """Write the observations of the given worlds into ``images``, ``directions`` and ``pockets``."""
+    """Write the observations of some worlds into ``images``, ``directions`` and ``pockets``, which are for all worlds.
+
+    ``worlds`` has the numbers of these worlds, which index ``rows``.
+    """
     for k in range(len(worlds)):
         i = worlds[k]
         row = rows[i]

@@ -62,40 +62,41 @@ def ruleset_row_length(height: int, width: int, most_rules: int) -> int:
 
 @inline
 def first_cell(row: Row) -> int:
-    """Return the index in the row of its first tile."""
+    """Return the index in the row of state of the grid's first tile."""
     return len(row) - row[HEIGHT] * row[WIDTH]
 
 
 @inline
 def cell_index(row: Row, y: int, x: int) -> int:
-    """Return the index in the row of the tile in a row and a column of the grid."""
+    """Return the index in the row of state of the tile in row ``y`` and column ``x`` of the grid."""
     return len(row) - row[HEIGHT] * row[WIDTH] + y * row[WIDTH] + x
 
 
 @inline
 def offset(row: Row, direction: int) -> int:
-    """Return the difference between a tile's index in the row of state and that of its neighbour in a direction."""
+    """Return what to add to a tile's index in the row of state to get that of its neighbour in a direction."""
+    # up and down (0 and 2) are a row of tiles away, right and left (1 and 3) one tile
     return (direction - 1) * row[WIDTH] if direction % 2 == 0 else 2 - direction
 
 
 @inline
 def is_walkable(tile: int) -> bool:
-    """Return whether the agent can stand on a tile."""
+    """Return whether the agent can stand on a tile: floor, a goal tile or an open door."""
     kind = tile & 15
     return kind == FLOOR or kind == GOAL_TILE or kind == DOOR_OPEN
 
 
 @inline
 def is_pickable(tile: int) -> bool:
-    """Return whether the agent can pick up a tile."""
+    """Return whether the agent can pick up a tile: a ball, square, pyramid, key, hex or star of any colour."""
     kind = tile & 15
     return (BALL <= kind <= PYRAMID) or kind == KEY or kind == HEX or kind == STAR
 
 
 @inline
 def go_forward(row: Row) -> None:
-    """Move the agent one tile in its direction, whatever is there."""
-    if row[DIRECTION] % 2 == 0:
+    """Move the agent one tile in its direction without a check of that tile."""
+    if row[DIRECTION] % 2 == 0:  # up or down
         row[Y] += row[DIRECTION] - 1
     else:
         row[X] += 2 - row[DIRECTION]
@@ -118,7 +119,7 @@ def use_hand(row: Row, action: int, front: int) -> None:
             row[front] = row[POCKET]
             row[POCKET] = EMPTY
     elif kind == DOOR_OPEN:
-        row[front] = DOOR_CLOSED | tile >> 4 << 4
+        row[front] = DOOR_CLOSED | tile >> 4 << 4  # in the same colour
     elif kind == DOOR_CLOSED or (kind == DOOR_LOCKED and row[POCKET] == (KEY | tile >> 4 << 4)):
         row[front] = DOOR_OPEN | tile >> 4 << 4
 
@@ -127,7 +128,8 @@ def use_hand(row: Row, action: int, front: int) -> None:
 def act_alone(row: Row, action: int) -> int:
     """Apply an action without the rules; return the index in the row of the tile that the action is about.
 
-    This is the tile in front for picking up, putting down and toggling, and the agent's own tile otherwise.
+    This is the tile in front for picking up, putting down and toggling, and otherwise the tile on which the agent then
+    stands.
     """
     direction = row[DIRECTION]
     here = cell_index(row, row[Y], row[X])
@@ -149,7 +151,7 @@ def act_alone(row: Row, action: int) -> int:
 
 @device_function()
 def apply_agent_near(row: Row, here: int, first: int, last: int, tile: int, product: int) -> int:
-    """Replace the given tile beside the agent, in the directions from ``first`` to ``last``, by the product.
+    """Replace the given tile next to the agent, in the directions from ``first`` to ``last``, by the product.
 
     ``here`` is the index in the row of the agent's tile. Return `CHANGED` if a tile was replaced, and otherwise 0.
     """
@@ -164,16 +166,16 @@ def apply_agent_near(row: Row, here: int, first: int, last: int, tile: int, prod
 
 @device_function()
 def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int, product: int) -> int:
-    """Replace two tiles that lie beside each other by the product, which lies where the second of them lay.
+    """Replace the tile that was put down by floor, and each neighbour that makes a pair with it by the product.
 
     Args:
         row: the state.
         place: the index in the row of the tile that was put down.
-        first: the first direction in which tile b may lie from tile a.
-        last: the last such direction.
+        first: the first of the directions (UP to LEFT) in which tile b may lie from tile a.
+        last: the last of these directions.
         a: the first input.
         b: the second input.
-        product: what replaces the tile beside ``place``, which itself becomes floor.
+        product: what replaces the tile next to ``place``, which itself becomes floor.
 
     Returns:
         `CHANGED` if tiles were replaced, and otherwise 0.
@@ -181,7 +183,7 @@ def apply_tile_near(row: Row, place: int, first: int, last: int, a: int, b: int,
     tile = row[place]
     if tile != a and tile != b:
         return 0
-    matches = 0
+    matches = 0  # bit `direction`: the tile there and the one at `place` are a and b, in an allowed direction
     for direction in range(4):
         near = row[place + offset(row, direction)]
         ahead = first <= direction <= last and tile == a and near == b
@@ -228,7 +230,7 @@ def apply_rules(row: Row, action: int, place: int) -> int:
 
 @device_function()
 def is_beside(row: Row, place: int, direction: int, tile: int) -> bool:
-    """Return whether a tile lies beside an index in the row: in one direction, or in any direction for -1."""
+    """Return whether a tile lies next to the index ``place`` in the row: in one direction, or in any for -1."""
     if direction >= 0:
         return row[place + offset(row, direction)] == tile
     above = row[place - row[WIDTH]] == tile
@@ -295,7 +297,7 @@ def step_row(row: Row, action: int) -> int:
 
 @device_function()
 def view_row(row: Row, image: NDArray[np.uint8]) -> None:
-    """Write the agent's view into an image, as `see_tiles` does."""
+    """Write the agent's view into an image, uint8[size, size, 2], as `see_tiles` does."""
     size = image.shape[0]
     half = size // 2
     direction = row[DIRECTION]

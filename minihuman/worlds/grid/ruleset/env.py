@@ -73,6 +73,8 @@ class TaskSource(NamedTuple):
 def find_tasks(task_set: str, task: Any, difficulty: Difficulty) -> TaskSource:
     """Return the tasks that a world's options name: one task, or those of a set with some difficulties.
 
+    The parameters are the options of `RulesetWorld`.
+
     Raises:
         WorldError: if there are no such tasks.
     """
@@ -113,7 +115,7 @@ def check_rooms(rooms: Any, height: int, width: int) -> int:
 
 
 class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld):
-    """A world of rules: things turn into others beside each other, in hand or beside the agent.
+    """A world of rules: things turn into others next to each other, in hand or next to the agent.
 
     An observation has the agent's view as ``image`` (uint8[view, view, 2]: kind and colour, indexed [down, right]),
     its ``direction`` (0 up, 1 right, 2 down, 3 left), what it carries as ``pocket`` (kind and colour), and the goal and
@@ -265,14 +267,14 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return self._observe(image), self._reward(status), status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """Make a step without computing the observation; return the reward, terminated and truncated."""
+        """Take an action without computing the observation; return the reward, terminated and truncated."""
         status = act_by_rules(self._row, self._number_of(action))
         if status < 0:
             raise self._refusal(status, action)
         return self._reward(status), status & TERMINATED != 0, status & TRUNCATED != 0
 
     def _reward(self, status: int) -> float:
-        """Return 1 minus 0.9 times the used share of the step limit at the goal, otherwise 0."""
+        """Return the reward of a step: 1 minus 0.9 times the used share of the step limit at the goal, otherwise 0."""
         if status & TERMINATED:
             return float(1 - 0.9 * (int(self._row[fields.STEP]) / int(self._row[fields.MAX_STEPS])))
         return 0.0
@@ -285,7 +287,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return number
 
     def _refusal(self, status: int, action: Any) -> WorldError:
-        """Return the error for an action that the kernel refused with a status."""
+        """Return the error for an action that the kernel refused with a status: NO_SUCH_ACTION or NOT_PLAYING."""
         if status == fields.NO_SUCH_ACTION:
             return WorldError(f"action {action!r} does not exist in {self}; actions are 0 to {len(ACTION_NAMES) - 1}")
         return WorldError(f"{self} is not in an episode; call reset() before step(), and again after each episode")
@@ -335,7 +337,10 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """Draw the largest picture with whole-numbered tiles that fits the size, uint8[H, W, 3]."""
+        """Return the largest picture that fits ``size_px`` (width, height) with a whole number of pixels per tile.
+
+        It is uint8[H, W, 3], with the whole grid ("full") or what the agent sees ("partial").
+        """
         self._check_laid_out()
         rows, columns = (self.view_size, self.view_size) if view == "partial" else self.tiles.shape
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -350,7 +355,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return "\n".join([*lines, f"carrying: {name_tile(carried) if carried else 'nothing'}", self.mission])
 
     def _letters(self, y: int, x: int, tile: int) -> str:
-        """Return the two characters of a cell in `text`."""
+        """Return the two characters in `text` of the cell in row ``y`` and column ``x``, whose tile is ``tile``."""
         if (y, x) == (self._row[fields.Y], self._row[fields.X]):
             return "^>v<"[int(self._row[fields.DIRECTION])] * 2
         if tile == BLACK_FLOOR:
@@ -360,7 +365,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return _KIND_LETTERS[tile & 15] + _COLOUR_LETTERS[tile >> 4]
 
     def pose(self) -> Pose:
-        """Return the agent's cell (column, 0, row) and direction."""
+        """Return the agent's cell (column, 0, row) and direction (yaw in radians)."""
         self._check_laid_out()
         y, x, direction = self._row[fields.Y : fields.DIRECTION + 1].tolist()
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
@@ -393,7 +398,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return self._rng_state.copy()
 
     def state_hash(self) -> int:
-        """Hash the grid, agent, task and random stream to a uint64."""
+        """Return a uint64 hash of the grid, the agent, the task and the random stream."""
         return _hash_state(self.save())
 
     def scene_hash(self) -> int:

@@ -90,7 +90,7 @@ PRESETS = {
 
 
 def generate_tasks(settings: GeneratorSettings, count: int, seed: int = 42) -> Iterator[RuleTask]:
-    """Yield ``count`` tasks with different rules, as the source does with the same settings and seed."""
+    """Yield ``count`` tasks that differ in their goals or rules, as the source does with the same settings and seed."""
     rng = random.Random(seed)
     drawn = set()
     for _ in range(count):
@@ -102,7 +102,7 @@ def generate_tasks(settings: GeneratorSettings, count: int, seed: int = 42) -> I
 
 
 def _list_unused(tiles: list[Tile], used: list[Tile]) -> list[Tile]:
-    """Return the tiles that are not used yet, in the order of a Python set, which is the source's order."""
+    """Return the ``tiles`` that are not in ``used``, in the order of a Python set, which is the source's order."""
     return list(set(tiles) - set(used))
 
 
@@ -139,7 +139,8 @@ def _draw_rule(product_tile: Tile, used: list[Tile], rng: random.Random) -> tupl
 def _draw_task(settings: GeneratorSettings, rng: random.Random) -> tuple[RuleTask, bool]:
     """Draw a task: the goal, level by level the rules that make what it needs, and distractors.
 
-    Return the task, and whether its chain has no level; the source counts such tasks as different from others.
+    Return the task, and whether its chain of rules has no level; the source counts a task without a level as different
+    from one that has the same goal and rules.
     """
     goal, chain = _draw_goal(rng)
     used = list(chain)

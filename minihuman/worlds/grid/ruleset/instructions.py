@@ -32,7 +32,7 @@ def _with_article(tile: int) -> str:
 
 
 def describe_goal(goal: RuleGoal) -> str:
-    """Return a goal as a sentence."""
+    """Return a goal as an English sentence."""
     first, second = goal.first, goal.second
     match goal.kind:
         case numbers.NO_GOAL:
@@ -63,7 +63,7 @@ def _put_together(first: int, second: int) -> str:
 
 
 def describe_rule(rule: TileRule) -> str:
-    """Return a rule as a sentence."""
+    """Return a rule as an English sentence."""
     first, second = rule.first, rule.second
     disappears = rule.product == numbers.BLACK_FLOOR
     match rule.kind:
@@ -87,7 +87,7 @@ def describe_rule(rule: TileRule) -> str:
 
 
 def describe_task(task: RuleTask) -> str:
-    """Return the goal and all rules as a text."""
+    """Return the goal and all rules of a task as an English text."""
     rules = [describe_rule(rule) for rule in task.rules]
     if not rules:
         return f"Goal: {describe_goal(task.goal)}"
@@ -130,11 +130,11 @@ class TaskTexts(Sentences):
         self.example = example
 
     def contains(self, x: Any) -> bool:
-        """Return whether a text is made of the words of instructions."""
+        """Return whether a value is a text that is made of the words of instructions and is not too long."""
         return isinstance(x, str) and len(x) <= _MAX_CHARS and set(words_in(x)) <= set(self.words)
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
-        """Return an instruction. Masks and probabilities are not supported."""
+        """Return the example; raise a WorldError if a mask or a probability is given."""
         if mask is not None or probability is not None:
             raise WorldError("a space of instructions takes no mask and no probability; remove them")
         return self.example

@@ -41,21 +41,21 @@ ROOMS = (1, 2, 4, 6, 9)
 
 @device_function()
 def put_wall_down(row: Row, x: int) -> None:
-    """Put a wall into a whole column of the grid."""
+    """Put a wall into the whole column ``x`` of the grid."""
     for y in range(row[HEIGHT]):
         row[cell_index(row, y, x)] = GREY_WALL
 
 
 @device_function()
 def put_wall_across(row: Row, y: int, first: int, last: int) -> None:
-    """Put a wall into a row of the grid, from column ``first`` to before ``last``."""
+    """Put a wall into row ``y`` of the grid, from column ``first`` to before ``last``."""
     for x in range(first, last):
         row[cell_index(row, y, x)] = GREY_WALL
 
 
 @inline
 def put_door(row: Row, rng_state: RngState, y: int, x: int) -> None:
-    """Put a closed door, whose colour is drawn from red to grey, into a row and a column of the grid."""
+    """Put a closed door, whose colour is drawn from red to grey, into row ``y`` and column ``x`` of the grid."""
     row[cell_index(row, y, x)] = DOOR_CLOSED | integer(rng_state, 1, GREY + 1) << 4
 
 
@@ -130,7 +130,7 @@ def build_rooms(row: Row, rng_state: RngState, rooms: int) -> None:
 
 @device_function()
 def draw_floor(row: Row, rng_state: RngState) -> int:
-    """Draw a tile of black floor, of which the grid must have one at least; return its index in the row."""
+    """Return the index in the row of a random tile of black floor, of which the grid must have one at least."""
     cells = first_cell(row)
     while True:
         cell = cells + integer(rng_state, 0, row[HEIGHT] * row[WIDTH])
@@ -145,7 +145,7 @@ def lay_out_row(
     """Begin an episode of a task: write its rules into the row, build the rooms, and place things and the agent.
 
     If there is too little floor for all of them, the row is marked as failed. The task begins at ``starts[task]`` in
-    ``records``, in which all tasks lie one after the other.
+    ``records``, in which all tasks lie one after the other; ``rooms`` is the number of rooms.
     """
     start = starts[task]
     rules = int(records[start + N_RULES])
@@ -188,10 +188,10 @@ def lay_out_task(
     last: int,
     rooms: int,
 ) -> None:
-    """Begin an episode of a task drawn from those from ``first`` to before ``last``.
+    """Begin an episode of a task that is drawn: its number is at least ``first`` and less than ``last``.
 
     If there is too little floor for everything, the row is marked as failed and begins no episode. ``records`` and
-    ``starts`` are the tasks, as in `lay_out_row`.
+    ``starts`` are the tasks, as in `lay_out_row`, and ``rooms`` is the number of rooms.
     """
     lay_out_row(row, rng_state, records, starts, integer(rng_state, first, last), rooms)
 
@@ -207,7 +207,10 @@ def lay_out_tasks(
     last: int,
     rooms: int,
 ) -> int:
-    """Run `lay_out_task` for the given worlds; return the first of them that failed, or -1."""
+    """Run `lay_out_task` for the worlds with the numbers ``worlds``; return the first number that failed, or -1.
+
+    ``rows`` and ``rng_states`` have a row for each world of the batch. The other parameters are as in `lay_out_task`.
+    """
     failed = -1
     for k in range(len(worlds)):
         i = worlds[k]

@@ -60,7 +60,7 @@ class _Expansion(NamedTuple):
 
     @classmethod
     def for_row(cls, row: Row, n_cells: int) -> "_Expansion":
-        """Return arrays for the changes of a state in a grid of ``n_cells`` cells."""
+        """Return arrays for the changes that are possible in the state ``row`` of a grid of ``n_cells`` cells."""
         poses = 4 * n_cells
         after = np.zeros((4 * poses, len(row)), np.int32)
         costs = np.zeros(4 * poses, np.int64)
@@ -146,11 +146,15 @@ class _Search:
         return None
 
     def _scene_key(self, row: Row) -> bytes:
-        """Return the part of a state that the search distinguishes, as bytes: all but the agent's pose."""
+        """Return the part of a state that the search distinguishes, as bytes: what is carried, the tiles, the phase."""
         return row[POCKET].tobytes() + row[-self._n_cells :].tobytes() + row[PHASE].tobytes()
 
     def _expand(self, row: Row, *, is_narrow: bool) -> Iterable[tuple[Row, int, int]]:
-        """Yield the states to which one change leads, with the number of actions and the last pose and action."""
+        """Yield each state to which one change leads, the number of actions to it, and the last pose and action.
+
+        The last two are one number, ``pose * _MOVE_BASE + action``. The state is a view that the next expansion
+        overwrites. ``is_narrow`` is as in `run`.
+        """
         space = self._space
         before = row[-self._n_cells :]
         drops: set[bytes] = set()
@@ -159,6 +163,7 @@ class _Search:
             move = int(space.moves[number])
             if is_narrow and after[PHASE] != OVER and move % _MOVE_BASE != FORWARD:
                 tiles = after[-self._n_cells :]
+                # one tile alone has changed, so no rule about tiles was used
                 is_plain = int((tiles != before).sum()) == 1
                 if move % _MOVE_BASE == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int(
                     (before & 15 == DOOR_OPEN).sum()
@@ -187,7 +192,10 @@ class _Search:
         return self._estimates[present]
 
     def _build_plan(self, key: bytes, reached: dict[bytes, _Change | None]) -> list[int]:
-        """Return the actions of a plan: those of the walks between its changes, and the changes themselves."""
+        """Return the actions of the plan that leads to the state ``key``: walks between its changes, and the changes.
+
+        ``reached`` has the change that led to each state, None for the start.
+        """
         actions: list[int] = []
         change = reached[key]
         while change is not None:

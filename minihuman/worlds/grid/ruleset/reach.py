@@ -26,7 +26,7 @@ FAR = 1 << 30  # more steps than any
 
 @device_function()
 def changes(row: Row, after: Row) -> bool:
-    """Return whether a state differs from an earlier one in more than the agent's pose and the number of steps."""
+    """Return whether the state ``after`` differs from ``row`` in its tiles or in what the agent carries."""
     if row[POCKET] != after[POCKET]:
         return True
     for cell in range(first_cell(row), len(row)):
@@ -70,7 +70,7 @@ def walk_to_changes(
     parents: NDArray[np.int64],
     queue: NDArray[np.int64],
 ) -> int:
-    """Do the work of `reach_changes`: try all actions in all poses that can be walked to, the nearest first."""
+    """Do the work of `reach_changes`, for the same arguments: try all actions in all poses in reach, nearest first."""
     parents[:] = -1
     start = pose_of(row)
     parents[start] = -2

@@ -39,7 +39,7 @@ class RuleGoal(NamedTuple):
 
     @property
     def tiles(self) -> tuple[int, ...]:
-        """Return the tiles that the goal needs."""
+        """Return the tiles that the goal needs: none, one or two."""
         if self.kind in (numbers.NO_GOAL, numbers.GOAL_AGENT_AT):
             return ()
         if self.kind == numbers.GOAL_TILE_NEAR or self.kind in _PAIR_GOALS:
@@ -57,7 +57,7 @@ class TileRule(NamedTuple):
 
     @property
     def inputs(self) -> tuple[int, ...]:
-        """Return the tiles that the rule takes."""
+        """Return the one or two tiles that the rule takes."""
         if numbers.TILE_NEAR <= self.kind <= numbers.TILE_NEAR_LEFT:
             return self.first, self.second
         return (self.first,)
@@ -116,7 +116,8 @@ def check_task(task: RuleTask, height: int, width: int) -> None:
     """Check that the numbers of a task are valid in a grid of a size.
 
     Raises:
-        WorldError: if a number stands for no tile, rule, goal or cell, or a rule or the goal is about walls.
+        WorldError: if a number stands for no tile, rule, goal or cell, a rule or the goal is about walls, or there are
+            too many rules or things.
     """
     if len(task.rules) > MOST_RULES or len(task.things) > MOST_THINGS:
         raise WorldError(
@@ -178,7 +179,7 @@ def parse_task(encoding: Any) -> RuleTask:
 
 
 def _read_numbers(subject: str, encoding: Any, length: int) -> list[int]:
-    """Return the whole numbers of an encoding, padded with 0 to a length.
+    """Return the whole numbers of an encoding as a list, padded with 0 to a length.
 
     Raises:
         WorldError: if there are more, or one is outside 0 to 255; ``subject`` begins the message.
@@ -243,10 +244,10 @@ class TaskSet:
         return int(self.records[self.starts[:-1] + N_RULES].max())
 
     def numbers_of(self, difficulty: tuple[int, int]) -> tuple[int, int]:
-        """Return the number of the first task of some difficulties, and that after the last.
+        """Return the number of the first task in a range of difficulties, and the number after that of the last.
 
         Args:
-            difficulty: the least and the greatest difficulty.
+            difficulty: the least and the greatest difficulty, both included.
 
         Raises:
             WorldError: if no task is of these difficulties.
@@ -293,10 +294,10 @@ def build_task_set(tasks: Iterable[RuleTask], origin: Mapping[str, Any] | None =
 
 
 def read_task_set(path: Path) -> TaskSet:
-    """Read a set of tasks from a file.
+    """Return the set of tasks that a file contains.
 
     Raises:
-        WorldError: if the file is missing, damaged, or of a later format.
+        WorldError: if the file is missing, damaged, or of another format.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -316,7 +317,7 @@ def read_task_set(path: Path) -> TaskSet:
 
 
 def _check_lengths(task_set: TaskSet, path: Path) -> None:
-    """Check that each record is as long as its counts say, so that no kernel reads past it.
+    """Check that each record is as long as its counts say, so that no kernel reads past it, and the order of tasks.
 
     Raises:
         WorldError: if a record has another length, or the tasks are not sorted by difficulty.

@@ -48,7 +48,10 @@ def hex_colour(tile: int, palette: Palette) -> str:
 
 
 def _list_corners(corners: int, radius: float, *, inner: float = 0.0, v: float = 0.5) -> list[tuple[float, float]]:
-    """Return the corners of a regular polygon that points up, or of a star if it has an inner radius."""
+    """Return the corners (x, y) of a regular polygon that points up, or of a star if it has an inner radius.
+
+    All lengths are in tiles, and the centre is at (0.5, v).
+    """
     points = []
     count = 2 * corners if inner else corners
     for number in range(count):
@@ -154,7 +157,7 @@ def _draw_object(canvas: Canvas, tile: int, palette: Palette) -> None:
 
 @lru_cache(maxsize=4096)
 def draw_tile(tile: int, tile_px: int, palette: Palette) -> Pixels:
-    """Draw a tile, uint8[tile_px, tile_px, 3]."""
+    """Return the picture of a tile, uint8[tile_px, tile_px, 3]."""
     canvas = Canvas(tile_px)
     kind = tile & 15
     if kind == numbers.WALL:
@@ -176,7 +179,7 @@ def draw_tile(tile: int, tile_px: int, palette: Palette) -> Pixels:
 
 @lru_cache(maxsize=64)
 def _draw_agent(direction: int, tile_px: int, palette: Palette) -> Pixels:
-    """Draw the agent, uint8[tile_px, tile_px, 4], the last channel being the opacity."""
+    """Return the picture of the agent, uint8[tile_px, tile_px, 4]; the last channel is the opacity."""
     # `agent` counts directions clockwise from the right, a world of rules from the top
     canvas = agent((direction + 3) % 4, tile_px, palette)
     return np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8)
@@ -184,7 +187,7 @@ def _draw_agent(direction: int, tile_px: int, palette: Palette) -> Pixels:
 
 @lru_cache(maxsize=1024)
 def _draw_in_hand(tile: int, size_px: int, palette: Palette) -> Pixels:
-    """Draw what the agent carries on a dark disc, uint8[size_px, size_px, 4], the last channel being the opacity."""
+    """Return the picture of a carried tile on a dark disc, uint8[size_px, size_px, 4]; the last channel is opacity."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     if tile & 15 == numbers.FLOOR:
@@ -194,15 +197,23 @@ def _draw_in_hand(tile: int, size_px: int, palette: Palette) -> Pixels:
 
 
 def _blend(figure: Pixels, out: Pixels) -> None:
-    """Lay a partly transparent figure over a part of a picture."""
+    """Lay a partly transparent figure, uint8[h, w, 4], over ``out``, a part of a picture, uint8[h, w, 3]."""
     opacity = figure[..., 3:].astype(np.float64) / 255
     out[:] = (out * (1 - opacity) + figure[..., :3] * opacity).round()
 
 
 def draw_ruleset(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette, lit: bool = True) -> Pixels:
-    """Draw the whole grid with what the agent sees lightened ("full"), or what the agent sees, looking up ("partial").
+    """Return a picture of the whole grid ("full"), or of what the agent sees, looking up ("partial"), uint8[H, W, 3].
 
     What the agent carries is drawn small in its corner.
+
+    Args:
+        row: the state.
+        view: what is drawn.
+        view_size: the number of cells on a side of the agent's view.
+        tile_px: the number of pixels on a side of a cell.
+        palette: the name of the palette.
+        lit: whether the picture of the whole grid is lighter where the agent sees.
     """
     if view == "partial":
         image = np.zeros((view_size, view_size, 2), np.uint8)
@@ -231,7 +242,7 @@ def draw_ruleset(row: Row, *, view: View, view_size: int, tile_px: int, palette:
 
 
 def _lighten(row: Row, out: Pixels, view_size: int, tile_px: int) -> None:
-    """Lighten the part of a picture of the whole grid that the agent sees."""
+    """Lighten the part of ``out``, a picture of the whole grid, that the agent sees."""
     height, width = row[: numbers.WIDTH + 1].tolist()
     y, x, direction = row[numbers.Y : numbers.DIRECTION + 1].tolist()
     n_seen = [view_size // 2] * 4  # cells up, right, down and left of the agent

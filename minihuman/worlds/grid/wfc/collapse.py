@@ -39,7 +39,7 @@ class Overlaps:
 
 
 def find_overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
-    """Find the patterns of a picture and which of them may be adjacent.
+    """Return the patterns of a picture and which of them may be adjacent.
 
     Args:
         picture: uint8[height, width, 3]; a pixel without red is a wall.
@@ -62,7 +62,10 @@ def find_overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8)
 
 
 def _distinct_patterns(tiles: NDArray[np.int64], width: int) -> dict[int, NDArray[np.int64]]:
-    """Return the distinct patterns of a picture by their hash. Patterns wrap around the picture's edges."""
+    """Return the distinct patterns of a picture, ``width`` tiles on a side, by their hash.
+
+    Patterns wrap around the picture's edges. The picture is given as a number per tile.
+    """
     wrapped_tiles = np.pad(tiles, ((0, width - 1), (0, width - 1)), mode="wrap")
     windows = sliding_window_view(wrapped_tiles, (width, width)).reshape(-1, width * width)
     hashes, first_indices = np.unique(_hash_rows(windows), return_index=True)
@@ -85,7 +88,10 @@ def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64
 
 
 def _find_adjacency(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
-    """Return which patterns agree in the cells in which they overlap, in the form of `Overlaps.adjacency`."""
+    """Return which patterns, int64[n, width, width], agree in the cells in which they overlap on each side.
+
+    The result has the form of `Overlaps.adjacency`.
+    """
     count, width = patterns.shape[:2]
     word_count = -(-count // WORD)
     adjacency = np.zeros((len(SIDES), count, word_count), np.uint64)
@@ -100,7 +106,10 @@ def _find_adjacency(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
 
 
 def _shifted_part(patterns: NDArray[np.int64], width: int, columns: int, rows: int) -> NDArray[np.int64]:
-    """Return the part of each pattern that a pattern shifted by some columns and rows also covers."""
+    """Return the part of each pattern that another, shifted by ``columns`` and ``rows``, also covers.
+
+    ``width`` is the number of cells on a side of a pattern.
+    """
     row_range = slice(max(0, rows), width + min(0, rows))
     column_range = slice(max(0, columns), width + min(0, columns))
     return patterns[:, row_range, column_range]
@@ -169,8 +178,9 @@ def collapse(
 
 @kernel("(uint64[:, ::1], int64[::1], uint64[:, :, ::1])")
 def _borders(sets: Sets, counts: NDArray[np.int64], adjacency: Sets) -> bool:
-    """Remove the patterns that have no possible neighbour; return whether every cell has a pattern left.
+    """Remove from each cell's set the patterns that can have no neighbour on some side.
 
+    Update ``counts``, the number of patterns left in each cell, and return whether every cell has a pattern left.
     Beyond an edge at which the layout ends, any pattern is possible.
     """
     n = adjacency.shape[1]
@@ -187,13 +197,13 @@ def _borders(sets: Sets, counts: NDArray[np.int64], adjacency: Sets) -> bool:
 
 @kernel("(uint64[::1], uint64[::1])")
 def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
-    """Remove the patterns that are not allowed; return how many are left."""
+    """Remove from a set the patterns that are not in the set ``allowed``; return how many are left."""
     count = 0
     for w in range(len(patterns)):
         patterns[w] &= allowed[w]
         bits = patterns[w]
         while bits != _0:
-            bits &= bits - _1
+            bits &= bits - _1  # clears the lowest bit that is set
             count += 1
     return count
 
@@ -251,9 +261,9 @@ def _spread(
 
 @kernel("(int64[::1], float64[::1])")
 def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
-    """Return the cell with the fewest patterns left of those with several, or the first cell if none has several.
+    """Return the cell with the fewest patterns left of the cells with several, or the first cell if none has several.
 
-    ``untied`` is added to the counts to break ties.
+    ``untied`` has a number below 1 for each cell, which is added to its count to break ties.
     """
     best = np.inf
     cell = 0
@@ -266,7 +276,7 @@ def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
 
 @kernel("(uint64[::1], float64[::1], uint64[::1])")
 def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
-    """Draw a pattern from a set by weight, as ``Generator.choice`` does."""
+    """Return a pattern drawn from a set by weight, as ``Generator.choice`` draws it."""
     n = len(weights)
     shares = np.zeros(n)
     for p in range(n):
@@ -286,7 +296,7 @@ def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[n
 
 @kernel("(uint64[:, ::1], int64[::1], int64, int64)")
 def _settle(sets: Sets, counts: NDArray[np.int64], cell: int, pattern: int) -> None:
-    """Leave a cell only one pattern."""
+    """Leave only the pattern ``pattern`` in the set of a cell."""
     sets[cell] = _0
     sets[cell, pattern // 64] = _1 << np.uint64(pattern % 64)
     counts[cell] = 1
@@ -330,7 +340,7 @@ def largest_part(free: list[Cell]) -> list[Cell]:
 
 
 def _find_connected(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
-    """Return the unseen cells that are connected with a cell, found breadth first, until there are ``at_most``."""
+    """Return the unseen cells connected with a cell, itself included, found breadth first, at most ``at_most``."""
     reached = {source}
     next_level = [source]
     while next_level:

@@ -112,7 +112,14 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WfcRecipe(Recipe):
-    """A recipe whose layout is collapsed from a picture's patterns; the start, the goal and the direction are drawn."""
+    """A recipe whose layout is collapsed from a picture's patterns; the start, the goal and the direction are drawn.
+
+    Attributes:
+        name: the name of the preset, for errors.
+        overlaps: the patterns, and which of them may be adjacent.
+        periodic: whether layouts wrap around their edges.
+        connected: whether only the largest connected part of a layout stays free.
+    """
 
     name: str
     overlaps: Overlaps
@@ -129,7 +136,9 @@ class WfcRecipe(Recipe):
         dig(row, rng_state, np.array(self._draw_free_cells(rng_state, size), np.int64))
 
     def _draw_free_cells(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
-        """Draw a layout of ``size`` cells on a side; return its free cells, at least two, or only the connected ones.
+        """Draw a layout of ``size`` cells on a side; return its free cells (x, y), at least two.
+
+        If ``connected`` is set, return only those of the largest connected part.
 
         Raises:
             WorldError: if every attempt ends in contradiction, or no layout has two connected cells.
@@ -163,6 +172,9 @@ def wfc(
         size: the number of cells on a side, including the outer walls.
         ensure_connected: whether only the largest connected part stays free.
         patterns: a folder of pictures to use instead of ours, named as in the preset (``SimpleMaze.png``).
+
+    Raises:
+        WorldError: if an option is not valid, or the picture cannot be read or has an unsuitable size.
     """
     preset = PRESETS[check_one_of("wfc_config", wfc_config, tuple(PRESETS))]
     check_whole("size", size, 5, MAX_WFC_CELLS)
@@ -222,7 +234,9 @@ def _read_picture_file(folder: str, preset: Preset) -> Overlaps:
 
 @kernel("(int32[::1], uint64[::1], int64[:, ::1])")
 def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
-    """Fill the grid with walls except the free cells (n, 2) of a layout; draw the start and the goal among them.
+    """Fill the grid with walls except the free cells of a layout, and draw the start and the goal among these.
+
+    ``free`` has the column and row of each free cell, int64[n, 2].
 
     The layout has no outer walls, so its cell (0, 0) is the grid's cell (1, 1).
     """
