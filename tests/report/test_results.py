@@ -6,7 +6,7 @@ import pytest
 
 from minihuman.experiment.protocol import specs
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.reporting.analysed_rows import leave_out_goals
+from minihuman.reporting.analysed_rows import blank_goal_measures
 from minihuman.reporting.block_measures import FORMULAS, MEASURES
 from minihuman.reporting.block_results import compute_block_results, summarise_group_rewards
 from minihuman.reporting.exclusions import list_exclusions
@@ -174,12 +174,16 @@ def test_where_nobody_found_every_key_nobody_is_waited_for():
 def test_a_block_without_a_goal_has_no_measures_of_reaching_one_unless_they_are_named():
     rows, episodes = played(4)
     never = episodes.assign(success=False, block="grid")
-    assert leave_out_goals(rows.assign(block="grid"), never.assign(reward=0.0), AnalysisSpec())["success"].notna().all()
-    cleared = leave_out_goals(rows.assign(block="grid"), never.assign(reward=1.0), AnalysisSpec())
+    assert (
+        blank_goal_measures(rows.assign(block="grid"), never.assign(reward=0.0), AnalysisSpec())["success"]
+        .notna()
+        .all()
+    )
+    cleared = blank_goal_measures(rows.assign(block="grid"), never.assign(reward=1.0), AnalysisSpec())
     assert cleared["success"].isna().all()
     assert cleared["reward_mean"].notna().all()
     named = AnalysisSpec(primary_measure="success")
-    assert leave_out_goals(rows.assign(block="grid"), never.assign(reward=1.0), named)["success"].notna().all()
+    assert blank_goal_measures(rows.assign(block="grid"), never.assign(reward=1.0), named)["success"].notna().all()
 
 
 def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():
