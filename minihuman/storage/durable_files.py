@@ -6,7 +6,9 @@ may have readers is never changed in place but replaced (``replace_durably``).
 
 import hashlib
 import os
+import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedWriter, RawIOBase
@@ -19,6 +21,8 @@ from minihuman.storage.system import FileSystem, current_system
 
 UNFINISHED_SUFFIX = ".part"
 _PIECE_BYTES = 1 << 20
+_HIDDEN_SUFFIX = ".unfinished"
+_ABANDONED_S = 3600.0  # the age at which nobody still writes a temporary file
 
 
 def sync_folder(folder: Path) -> None:
@@ -122,6 +126,8 @@ def replace_durably(
         new_folders: the number of folders above the file that an earlier call may have created without making them
             durable; they are made durable, too.
 
+    A process that is killed leaves its hidden file; a later call for the same path removes it once it is an hour old.
+
     Yields:
         The file under its temporary name, open for writing bytes.
 
@@ -130,7 +136,9 @@ def replace_durably(
             folder cannot be made durable, the error names the folder, and ``path`` already has the new content.
     """
     disk = current_system().disk
-    unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
+    if unfinished is None:
+        unfinished = path.with_name(f".{path.name}.{os.getpid()}{_HIDDEN_SUFFIX}")
+        _remove_abandoned_files(path)
     missing_folders = sum(not folder.exists() for folder in path.parents)
     try:
         disk.make_folder(path.parent)
@@ -145,6 +153,18 @@ def replace_durably(
         raise
     for folder in path.parents[: max(missing_folders, new_folders) + 1]:  # a folder's name is in the one above it
         sync_folder(folder)
+
+
+def _remove_abandoned_files(path: Path) -> None:
+    """Remove the hidden files of killed processes that were replacing a file; those that cannot be removed stay."""
+    if not path.parent.is_dir():
+        return
+    name = re.compile(rf"\.{re.escape(path.name)}\.\d+{re.escape(_HIDDEN_SUFFIX)}")
+    for file in path.parent.iterdir():
+        if name.fullmatch(file.name):
+            with suppress(OSError):
+                if time.time() - file.stat().st_mtime > _ABANDONED_S:
+                    current_system().disk.unlink(file)
 
 
 def write_atomically(text: str, path: Path) -> None:
