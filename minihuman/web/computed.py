@@ -106,7 +106,7 @@ class ComputedEpisode:
         Returns:
             A description of the difference if the steps differ and the last compared ones did not; otherwise "".
         """
-        stepped = _find_step(events)
+        stepped = next((event for event in events if isinstance(event, Stepped)), None)
         digest = ""
         if stepped is not None:
             digest = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
@@ -131,14 +131,6 @@ class ComputedEpisode:
             return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
         step_name = f"step {stepped.step} of episode {stepped.episode + 1}"
         return f"{step_name} was computed otherwise in the page: its digest is {message.digest}, here it is {digest}"
-
-
-def _find_step(events: Sequence[Event]) -> Stepped | None:
-    """Return the first step among events; None if there is none."""
-    for event in events:
-        if type(event) is Stepped:  # the exact type, as tests for abstract classes are slow
-            return event
-    return None
 
 
 def _describe_grid(

@@ -60,7 +60,6 @@ class SessionHost:
         self.outbox = Outbox(session, make_world, settings, logged)
         self.link = PageClock()
         self._agent = agent
-        self.has_agent = agent is not None
         self._prepared: inputs.ActivityInput | None = None  # the answer to a long request, until the session has it
         self._is_announced = False  # whether the page was asked to set that answer's time
         self._inputs = PageInputs((*logged, *unwritten))
@@ -88,7 +87,7 @@ class SessionHost:
     @property
     def is_polled(self) -> bool:
         """Return whether the host must be polled for answers to requests; in joint turns, the page's ticks suffice."""
-        if not self.has_agent:
+        if self._agent is None:
             return False
         play = self.session.play
         plays_joint_turns = play is not None and play.is_joint and not play.real_time
@@ -170,7 +169,7 @@ class SessionHost:
         self.outbox.follow(events)
         if not is_deferred:
             self._answer_requests()
-        is_step = Stepped in map(type, events)
+        is_step = any(isinstance(event, Stepped) for event in events)
         self.has_stepped |= is_step
         return is_step
 

@@ -365,9 +365,8 @@ class WebServer:
         """Poll the sessions that may wait for an answer from outside, such as a learner's policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
-            for connection in [connection for connection in self.connections.values() if connection.host.has_agent]:
-                if connection.host.is_polled:
-                    await self._run_for(connection, self._poll_one(connection))
+            for connection in [connection for connection in self.connections.values() if connection.host.is_polled]:
+                await self._run_for(connection, self._poll_one(connection))
 
     async def _poll_one(self, connection: Connection) -> None:
         if await connection.run(connection.poll):
