@@ -63,6 +63,13 @@ def test_an_own_texture_is_drawn_beside_ours(folder):
     assert (mint == MINT).all(axis=-1).mean() > 0.1
 
 
+def test_a_file_from_a_system_that_writes_suffixes_in_capitals_is_found(folder):
+    expected = Room(floor="mint", assets=folder).reset(seed=0)[0]
+    for file in (folder / "meshes" / "tower.glb", folder / "textures" / "mint.png"):
+        file.rename(file.with_suffix(file.suffix.upper()))
+    assert np.array_equal(Room(floor="mint", assets=folder).reset(seed=0)[0], expected)
+
+
 def test_a_world_that_names_its_folder_is_saved_restored_and_pickled_with_it(folder):
     world = type("Own", (Room,), {"assets": folder})()
     world.reset(seed=0)

@@ -346,7 +346,7 @@ class FolderAssets(Assets):
     def meshes(self) -> dict[str, Path]:
         """Return the files of the folder's meshes, by name."""
         files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
-        return {file.stem: file for file in files if file.suffix in _READERS}
+        return {file.stem: file for file in files if file.suffix.lower() in _READERS}
 
     def texture(self, name: str) -> Texture:
         """Return a PNG of the folder, 512 texels per metre, or else the built-in texture of that name.
@@ -374,7 +374,7 @@ class FolderAssets(Assets):
         """Return the mesh of an OBJ or GLB file of the folder, or else the built-in mesh of that name."""
         file = self.meshes.get(name)
         if file is not None:
-            return _READERS[file.suffix](file)
+            return _READERS[file.suffix.lower()](file)
         try:
             return self._own.mesh(name)
         except WorldError as error:
@@ -389,9 +389,10 @@ class FolderAssets(Assets):
         if name.endswith(".png"):
             return Path(name)
         for stem in (name, name.removesuffix("_1")):
-            file = self._folder / "textures" / f"{stem}.png"
-            if file.exists():
-                return file
+            for suffix in (".png", ".PNG"):
+                file = self._folder / "textures" / f"{stem}{suffix}"
+                if file.exists():
+                    return file
         return None
 
 
