@@ -86,6 +86,14 @@ def test_cells_are_pasted_from_a_spreadsheet_into_a_new_table(client: TestClient
         assert problem in refused.json()["message"]
 
 
+def test_a_new_table_has_the_separator_of_its_name_in_capitals_too(client: TestClient, tmp_path: Path) -> None:
+    for name, content in (("A.TSV", "a\tb\n1\t2\n"), ("b.tsv", "a\tb\n1\t2\n"), ("C.CSV", "a,b\n1,2\n")):
+        table = {"name": name, "columns": ["a", "b"], "rows": [["1", "2"]]}
+        assert client.post("/api/table", params={"key": KEY}, json=table).status_code == 200
+        (file,) = tmp_path.rglob(name)
+        assert file.read_text() == content
+
+
 @pytest.mark.parametrize("headers", [{"origin": "http://stranger"}, {"sec-fetch-site": "cross-site"}])
 def test_another_page_changes_nothing(client: TestClient, tmp_path: Path, headers: dict[str, str]) -> None:
     before = sorted(tmp_path.rglob("*"))

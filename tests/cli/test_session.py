@@ -89,6 +89,11 @@ def test_check_prints_the_plan_itself_as_json():
             '"fly"]',
             "$.blocks[0].actions names 'fly', which minihuman/MiniGrid-FourRooms-v0 does not have",
         ),
+        (
+            "max_steps = 100\n",
+            'max_steps = 100\npace = "real_time"\nstep_period_ms = 200\nnoop_action = "doze"\n',
+            "$.blocks[0].noop_action names 'doze', which minihuman/MiniGrid-FourRooms-v0 does not have",
+        ),
         ("MiniGrid-FourRooms-v0", "MiniGrid-FiveRooms-v0", "$.blocks[0].world"),
         (
             "max_steps = 100\n",

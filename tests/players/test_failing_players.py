@@ -4,6 +4,7 @@ which it was.
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from minihuman import plugins
@@ -12,11 +13,12 @@ from minihuman.admin.status import count_participant_flow, format_status
 from minihuman.admin.verify.log import verify_session
 from minihuman.errors import PlayerFailedError
 from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.reporting.participant_flow import flow_table
 from minihuman.runtime import simulated_window
-from minihuman.runtime.simulated_session import simulate
+from minihuman.runtime.simulated_session import _free_slot, simulate
 from tests.counts import PATIENCE_S
 from tests.lab_package import install_lab as install_lab
 
@@ -132,3 +134,12 @@ def test_a_player_that_fails_before_anything_is_recorded_leaves_its_slot_and_its
     lines = list(format_status(tmp_path / "fails"))
     failed = "simulated participants that failed before anything was recorded"
     assert lines[1:] == [f"1 {failed}", f"flow: came 1 (then {failed} 1); allocated to a group 0; began 0; finished 0"]
+
+
+def test_a_later_session_of_which_nothing_was_recorded_frees_no_slot(tmp_path: Path) -> None:
+    protocol = decode_protocol(STUDY.format(consent="").encode())
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    failed = PlayerFailedError("lab:crash", "gone")
+    said = _free_slot(tmp_path, msgspec.structs.replace(plan, session=2), failed)
+    assert said == "nothing was recorded of session 2, and sub-01 can be simulated again"
+    assert not (tmp_path / "fails").exists()

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import minihuman
-from minihuman.web.world_pack import PackSummary, pack_worlds
+from minihuman.web.world_pack import PackSummary, _ArrayPool, pack_worlds
 from minihuman.worlds.catalogue import BABYAI_WORLDS, GRID_WORLDS
 from tests.counts import PATIENCE_S, count
 from tests.machine import need, needs
@@ -167,3 +167,11 @@ def test_firefox_lays_worlds_out_as_python_does(address: str, tmp_path: Path) ->
     with firefox_at(address, tmp_path / "profile") as page:
         page.until("s.drawn")
         assert _differing(page.find("minihuman.state.drawn")) == []
+
+
+def test_arrays_of_equal_bytes_and_other_types_are_two() -> None:
+    pool = _ArrayPool()
+    numbers = [pool.number(np.zeros(2, kind)) for kind in (np.int64, np.float64, np.int64)]
+    assert numbers == [0, 1, 0]
+    assert list(pool.extents()) == [("int64", 16), ("float64", 16)]
+    assert pool.join() == bytes(32)
