@@ -90,10 +90,11 @@ def draw(folder: Path) -> None:
         for number, arm in enumerate(ARMS):
             runs = curves[(curves["world"] == world) & (curves["arm"] == arm)].groupby("seed")
             for run, (_, curve) in enumerate(runs):
-                shown = curve[curve["episodes"] > 0]
+                shown = curve[curve["episodes"] >= JUDGED]  # of the first that end, hardly any failed: those are long
                 label = NAMES[arm] if run == 0 else None
-                axis.plot(shown["steps"], shown["success"], color=f"C{number}", linewidth=1, alpha=0.7, label=label)
-        axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
+                style = {"color": f"C{number}", "linewidth": 1, "alpha": 0.7, "label": label}
+                axis.plot(shown["steps"], shown["success"], marker="o" if len(shown) == 1 else "", markersize=4, **style)
+        axis.set(title=world, xlabel="steps", ylim=(0, 1.03))
         axis.set_xlim(left=0)
         axis.locator_params(axis="x", nbins=5)
         axis.legend(fontsize=8, loc="center right")
