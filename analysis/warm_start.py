@@ -93,7 +93,9 @@ def draw(folder: Path) -> None:
                 shown = curve[curve["episodes"] >= JUDGED]  # of the first that end, hardly any failed: those are long
                 label = NAMES[arm] if run == 0 else None
                 style = {"color": f"C{number}", "linewidth": 1, "alpha": 0.7, "label": label}
-                axis.plot(shown["steps"], shown["success"], marker="o" if len(shown) == 1 else "", markersize=4, **style)
+                axis.plot(
+                    shown["steps"], shown["success"], marker="o" if len(shown) == 1 else "", markersize=4, **style
+                )
         axis.set(title=world, xlabel="steps", ylim=(0, 1.03))
         axis.set_xlim(left=0)
         axis.locator_params(axis="x", nbins=5)
