@@ -7,7 +7,7 @@ If that digest differs from the session's, the difference is noted and the page 
 
 import hashlib
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.machine.events import Event, Stepped
+from minihuman.experiment.machine.events import Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web.messages import (
@@ -64,6 +64,7 @@ class ComputedEpisode:
         self.is_elsewhere = False  # whether the page's state differs, or may differ, from the session's
         self.sent_step = -1  # the step of the state that was sent last
         self._world = play.world
+        self._world.keep_steps()
         self._env = play.world.unwrapped
         self._differs = False  # whether a step has differed since the last equal one
         self._n_unknown = 0  # steps without a digest since the last equal one
@@ -96,17 +97,16 @@ class ComputedEpisode:
             self.play.steps, things.tobytes(), numbers.tobytes(), list(map(str, rng_state.tolist()))
         )
 
-    def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
+    def compare(self, message: KeyMessage | TickMessage, stepped: Stepped | None) -> str:
         """Compare the page's step for a message with the session's.
 
         Args:
             message: the page's message, with the digest of the page's step, if it made one.
-            events: the session's events for the message.
+            stepped: the session's step for the message; None if it made none.
 
         Returns:
             A description of the difference if the steps differ and the last compared ones did not; otherwise "".
         """
-        stepped = next((event for event in events if isinstance(event, Stepped)), None)
         digest = ""
         if stepped is not None:
             digest = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)

@@ -111,6 +111,11 @@ class Connection(PageSession):
         """Return whether a participant came without one of the study's links, and has not taken part yet."""
         return bool(self.network) and not self.has_taken_part
 
+    @property
+    def has_lease(self) -> bool:
+        """Return whether the session has a lease that is not lost, and its recording is not finished."""
+        return self.lease is not None and not self.lease.lost and not self.recording.is_finished
+
     def now_ns(self) -> int:
         """Return the session's time in nanoseconds, by the server's clock."""
         return self._clock.at(current_system().clock.monotonic_ns())
@@ -326,7 +331,9 @@ class Connection(PageSession):
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
         """Give the session a message that was not received before; the arguments are those of ``take``."""
         arrival_ns = current_system().clock.monotonic_ns()
-        self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
+        note = self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns))
+        if note:
+            self.host.note(note)
         if self.host.over:
             return
         if isinstance(numbered.what, _ACTS):
@@ -336,7 +343,7 @@ class Connection(PageSession):
         is_step = self._call_or_end(
             self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns
         )
-        if is_step:
+        if is_step and self.host.outbox.looks_ahead:
             self.host.outbox.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
     # What does not come from the page

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from minihuman.experiment.machine.activity import WorldFactory
-from minihuman.experiment.machine.events import Event
+from minihuman.experiment.machine.events import Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
@@ -109,11 +109,11 @@ class EpisodeAhead:
         play.keep_picture_hash(self.graph.picture_hash)
         return scene.name
 
-    def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
+    def compare(self, message: messages.PageMessage, stepped: Stepped | None) -> str:
         """Return how the page's step for a message differs from the session's; "" if there is no new difference."""
         if self.computed is None or not isinstance(message, _STEPPING):
             return ""
-        return self.computed.compare(message, events)
+        return self.computed.compare(message, stepped)
 
     def stop_if_slow(self, step_ns: int) -> None:
         """Stop looking ahead in a real-time world whose steps take ``step_ns``, if that is longer than their period."""

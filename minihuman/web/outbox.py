@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from minihuman.experiment.machine.activity import Steering, WorldFactory
-from minihuman.experiment.machine.events import EpisodeBeginning, EpisodeEnding, EpisodeStep, Event
+from minihuman.experiment.machine.events import EpisodeBeginning, EpisodeEnding, EpisodeStep, Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine
@@ -159,7 +159,7 @@ class Outbox:
     def _ignores_releases(self) -> bool:
         """Return whether the page needs no answer to a key release, because the participant plays an episode alone."""
         session = self._session
-        return not session.over and session.play is not None and not session.part.agent_plays
+        return session.play is not None and not session.part.agent_plays
 
     def waits_for(self, message: messages.PageMessage) -> bool:
         """Return whether the page waits for the answer to a message.
@@ -174,9 +174,9 @@ class Outbox:
             return not message.digest
         return not isinstance(message, _WITHOUT_EFFECT)
 
-    def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
+    def compare(self, message: messages.PageMessage, stepped: Stepped | None) -> str:
         """Return how the page's step for a message differs from the session's; "" if there is no new difference."""
-        return self._ahead.compare(message, events)
+        return self._ahead.compare(message, stepped)
 
     # Where the session went
 
@@ -244,6 +244,11 @@ class Outbox:
         """Return whether the page is to compute an episode."""
         computed_by = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed_by == "page" and can_compute(play)
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Return whether scenes of the episode are explored ahead of the session."""
+        return self._ahead.graph is not None
 
     def record_step_time(self, took_ns: int) -> None:
         """Record how long a step's message took, in nanoseconds; stop looking ahead in a world that is too slow."""

@@ -6,7 +6,7 @@ The protocol does not depend on what carries the texts and batches, which may be
 """
 
 import abc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from minihuman.web import messages
@@ -130,7 +130,6 @@ class PageProtocol:
         self._acknowledged = 0  # the number of the last page message that was acknowledged
         self._rate_limit = RateLimit(now_s)
         self._last_number = 0  # the server's last message before the text that is being received
-        self._safe = 0  # the page's last safe message before that text
         self._was_behind = False  # whether the page had too many unacknowledged messages to look ahead for it
         self._ends_with_round_trip = False
 
@@ -144,12 +143,29 @@ class PageProtocol:
         """
         self._session.hear(now_s)
         self._last_number = self._session.outgoing.last_number
-        self._safe = self._session.safe()
         self._was_behind = False
 
-    def admits(self, now_s: float) -> bool:
-        """Count another message, and return True, if the rate limit admits it now; otherwise it has to wait."""
-        return self._rate_limit.take(now_s)
+    def admit(self, n_messages: int, now_s: float) -> int:
+        """Count further messages, as many as the rate limit admits now; return how many those are. The rest must wait.
+
+        Args:
+            n_messages: the number of messages.
+            now_s: the monotonic time in seconds.
+        """
+        return self._rate_limit.take(now_s, n_messages)
+
+    def receive_all(self, lines: Sequence[str], *, more: bool) -> list[str]:
+        """Handle messages that arrived together; return the answers to be sent at once.
+
+        Args:
+            lines: the messages.
+            more: whether further messages follow in the same text.
+
+        Raises:
+            MessageError: if a message is one that the study's own page never sends; those before it were handled.
+        """
+        answers = [self.receive(line, more=more or number < len(lines)) for number, line in enumerate(lines, 1)]
+        return [answer for answer in answers if answer is not None]
 
     def receive(self, text: str, *, more: bool) -> str | None:
         """Handle one message; return the answer to be sent at once, or None if there is none.
@@ -216,7 +232,7 @@ class PageProtocol:
             raise messages.MessageError(f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page")
         has_grown = outgoing.last_number != self._last_number
         return TextEffect(
-            has_answer=has_grown or self._session.safe() != self._safe,
+            has_answer=has_grown or self._session.safe() > self._acknowledged,
             wants_more=has_grown or self._was_behind or self._ends_with_round_trip,
         )
 

@@ -132,7 +132,8 @@ class LookAheadGraph:
 
     def grow(self) -> bool:
         """Find the scene to which one untried action leads from the present scene; return False if none is left."""
-        return any(self.look(action) for action in self._actions)  # ``any`` stops at the first that is found
+        untried = [action for action in self._actions if action not in self.root.edges]
+        return any(self.look(action) for action in untried)  # ``any`` stops at the first that is found
 
     def look(self, action: int) -> bool:
         """Find the scene to which an action leads from the present scene, and add it to the graph.

@@ -85,9 +85,14 @@ class SessionHost:
         return self.outbox.outgoing
 
     @property
+    def has_agent(self) -> bool:
+        """Return whether the session has an agent, so that it may have to be polled."""
+        return self._agent is not None
+
+    @property
     def is_polled(self) -> bool:
         """Return whether the host must be polled for answers to requests; in joint turns, the page's ticks suffice."""
-        if self._agent is None:
+        if not self.has_agent:
             return False
         play = self.session.play
         plays_joint_turns = play is not None and play.is_joint and not play.real_time
@@ -147,6 +152,7 @@ class SessionHost:
             MessageError: if the time is not later than that of the last message.
         """
         self.outbox.through = number
+        play = self.session.play
         page_waits = self.outbox.waits_for(message)
         if page_waits:
             self.outbox.moved = number
@@ -155,32 +161,33 @@ class SessionHost:
             self._writer.record_taken(number)
             return False
         self._advance(number, at_ns, message, arrival_ns)
-        play = self.session.play
         computes = self.outbox.is_computed
         self._draws = play is None
-        events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
+        events = self._find_events(message, at_ns, arrival_ns)
+        stepped = _find_step(events)
+        events = self._add_notes(message, at_ns, events, stepped)
         is_deferred = more and play is not None and self.session.play is play and (computes or not page_waits)
         if is_deferred:
             self._writer.write_later(events)
         else:
             self._writer.write(events)
-        is_kept_early = isinstance(message, messages.DisplayedMessage) and not events  # safe only with the next write
-        self._writer.record_taken(number, with_next=is_kept_early)
+        self._writer.record_taken(number, with_next=not events and isinstance(message, messages.DisplayedMessage))
         self.outbox.follow(events)
         if not is_deferred:
             self._answer_requests()
-        is_step = any(isinstance(event, Stepped) for event in events)
-        self.has_stepped |= is_step
-        return is_step
+        self.has_stepped |= stepped is not None
+        return stepped is not None
 
-    def _add_notes(self, message: messages.PageMessage, at_ns: int, events: list[Event]) -> list[Event]:
+    def _add_notes(
+        self, message: messages.PageMessage, at_ns: int, events: list[Event], stepped: Stepped | None
+    ) -> list[Event]:
         """Return a message's events, preceded by notes about the page and about differences of its step."""
+        if difference := self.outbox.compare(message, stepped):
+            self._notes.append(difference)
+        if not self._notes:
+            return events
         notes = self._notes
         self._notes = []
-        if difference := self.outbox.compare(message, events):
-            notes.append(difference)
-        if not notes:
-            return events
         return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
@@ -199,8 +206,8 @@ class SessionHost:
             )
         self.last_at_ns = at_ns
         self.outbox.at_ns = at_ns
-        if arrival_ns is not None:
-            self.note(self.link.compare_arrival(at_ns, arrival_ns))
+        if arrival_ns is not None and (note := self.link.compare_arrival(at_ns, arrival_ns)):
+            self._notes.append(note)
         if not self._has_begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
         self._has_begun = True
@@ -376,3 +383,11 @@ class SessionHost:
         self.session.close()
         self.close_agent()
         self.outbox.close()
+
+
+def _find_step(events: Sequence[Event]) -> Stepped | None:
+    """Return the step among the events of an input; None if it made none."""
+    for event in events:
+        if isinstance(event, Stepped):
+            return event
+    return None

@@ -23,14 +23,13 @@ class RateLimit:
     now_s: float  # the time of the last message
     tokens: float = MESSAGE_BURST  # messages that may arrive at once
 
-    def take(self, now_s: float) -> bool:
-        """Count a message that arrives now; return False, without counting it, if it exceeds the limit."""
+    def take(self, now_s: float, n_messages: int = 1) -> int:
+        """Count messages that arrive now, as many as the limit admits; return how many those are."""
         self.tokens = min(MESSAGE_BURST, self.tokens + (now_s - self.now_s) * MESSAGES_PER_S)
         self.now_s = now_s
-        if self.tokens < 1:
-            return False
-        self.tokens -= 1
-        return True
+        admitted = min(n_messages, int(self.tokens))
+        self.tokens -= admitted
+        return admitted
 
 
 def count_handles(max_concurrent_sessions: int) -> int:

@@ -55,6 +55,7 @@ class PageSteps:
 class _GridSteps:
     def __init__(self, world_id: str) -> None:
         self._world = PageWorld(world_id)
+        self._world.keep_steps()
         self._world.reset(0)
 
     def place(self, state: WorldPosition, words: np.ndarray) -> None:

@@ -174,6 +174,7 @@ WORLDS = pytest.mark.parametrize("world", [GRID, FIRST_PERSON_WORLD], ids=["grid
 def of_another_seed(steps: PageSteps, world_id: str) -> str:
     """The digest of the first step of an episode that nobody gave the page."""
     other = PageWorld(world_id, {"trig": 1} if "MiniWorld" in world_id else {})
+    other.keep_steps()
     other.reset(123_456)
     made = other.step(steps.rules.actions["1"])
     return other.digest(made.reward, terminated=made.terminated, truncated=made.truncated)

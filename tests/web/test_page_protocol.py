@@ -185,8 +185,12 @@ def test_a_second_hello_and_a_flood_are_not_admitted() -> None:
     protocol = protocol_of(EchoSession())
     with pytest.raises(messages.MessageError, match="a second hello"):
         protocol.receive('{"t":"hello","version":6}', more=False)
-    assert [protocol.admits(0.0) for _ in range(MESSAGE_BURST + 1)] == [True] * MESSAGE_BURST + [False]
-    assert protocol.admits(0.1)
+    assert [protocol.admit(MESSAGE_BURST - 1, 0.0), protocol.admit(3, 0.0), protocol.admit(1, 0.0)] == [
+        MESSAGE_BURST - 1,
+        1,
+        0,
+    ]
+    assert protocol.admit(1, 0.1) == 1
 
 
 def test_a_tab_goes_on_with_its_stream_and_another_tab_begins_one() -> None:

@@ -214,13 +214,14 @@ class SessionMachine:
             at_ns: the time at which the input arrived, if later than its own time; its events get this time.
             draws: whether to draw the screen now rather than when it is next read.
         """
-        if self.over:
+        if self._phase is Phase.OVER:
             return []
         play = None if draws else self.play
-        self._context.now_ns = max(self.now_ns, happened.t_ns, at_ns)
+        context = self._context
+        context.now_ns = max(context.now_ns, happened.t_ns, at_ns)
         try:
             if self._phase is Phase.START:
-                self._context.emit(SessionStarted(self.now_ns, self.plan, self._facts))
+                context.emit(SessionStarted(context.now_ns, self.plan, self._facts))
                 self._move(TransitionCause.BEGAN)
             self._handle(happened)
         except WorldFailedError as error:
@@ -229,7 +230,7 @@ class SessionMachine:
         self._is_drawn = False
         if draws or self.play is not play:
             self._refresh_screen()
-        return self._context.pop_events()
+        return context.pop_events()
 
     def _handle(self, happened: Input) -> None:
         """Process what is due before an input, and pass the input on unless the session has ended."""
@@ -240,16 +241,18 @@ class SessionMachine:
         self._dispatch(happened)
 
     def _dispatch(self, happened: Input) -> None:
-        """Pass an input to the method for its type."""
+        """Pass an input to the method for its type; the commonest types come first."""
         match happened:
-            case Stop():
-                self._stop(happened)
-            case FocusChanged():
-                self._change_focus(happened.focused)
             case KeyDown():
                 self._key_down(happened)
             case KeyUp():
                 self._key_up(happened)
+            case ScreenShown() | TextEdited() | ActivityInput():
+                self._pass_to_part(happened)
+            case FocusChanged():
+                self._change_focus(happened.focused)
+            case Stop():
+                self._stop(happened)
             case TextInput():
                 self._context.emit(self.part.typed_event(self.now_ns, happened.text))
                 self._pass_to_part(happened)
@@ -260,8 +263,6 @@ class SessionMachine:
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
                 self._execute_command(happened)
-            case ScreenShown() | TextEdited() | ActivityInput():
-                self._pass_to_part(happened)
 
     def _stop(self, stop: Stop) -> None:
         """End the session from outside; a session whose closing text is shown still counts as complete."""

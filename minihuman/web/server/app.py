@@ -119,12 +119,12 @@ class WebServer:
         self._polling = PollingEntrance(self._converse, self._is_busy, max_lines=self._web.max_concurrent_sessions)
         self._to_look_ahead: deque[Connection] = deque()  # connections for which to look ahead, each once
         self._has_to_look_ahead = asyncio.Event()
+        self._has_agents = asyncio.Event()  # whether a session has an agent
 
     def app(self) -> ASGIApp:
         """Build the ASGI application; its lifespan runs the server's tasks."""
         routes = [
             *build_page_routes(),
-            Route("/favicon.ico", _answer_without_icon),
             Route("/healthz", self._answer_health_check),
             Route("/metrics", self._answer_metrics),
             Route("/unwelcomed", self._counts.answer_unwelcomed),
@@ -223,6 +223,8 @@ class WebServer:
             self._counts.http_pages += 1
         protocol = PageProtocol(connection, welcome, after, monotonic_s())
         connection.changed.set()
+        if connection.host.has_agent:
+            self._has_agents.set()
         self._schedule_look_ahead(connection)
         sending = asyncio.create_task(self._send_messages(page, connection, number, protocol))
         code = 0
@@ -242,13 +244,14 @@ class WebServer:
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text(now_s)
-        for number, line in enumerate(lines, 1):
-            while not protocol.admits(now_s):
+        while lines:
+            admitted = lines[: protocol.admit(len(lines), now_s)]
+            lines = lines[len(admitted) :]
+            for answer in await connection.run(partial(protocol.receive_all, admitted, more=bool(lines))):
+                await page.send(answer)
+            if lines:
                 await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
                 now_s = monotonic_s()
-            answer = await connection.run(partial(protocol.receive, line, more=number < len(lines)))
-            if answer is not None:
-                await page.send(answer)
         await self._finish_if_over(connection)
         effect = await connection.run(protocol.end_text)
         if effect.has_answer:
@@ -364,6 +367,9 @@ class WebServer:
     async def _poll(self) -> None:
         """Poll the sessions that may wait for an answer from outside, such as a learner's policy."""
         while True:
+            if not any(connection.host.has_agent for connection in self.connections.values()):
+                self._has_agents.clear()
+                await self._has_agents.wait()
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in [connection for connection in self.connections.values() if connection.host.is_polled]:
                 await self._run_for(connection, self._poll_one(connection))
@@ -428,7 +434,7 @@ class WebServer:
         if not is_due:
             connections &= self._factory.recorded
         self._factory.recorded.clear()
-        return [connection for connection in connections if _has_lease(connection)]
+        return [connection for connection in connections if connection.has_lease]
 
     async def _hand_over_if_requested(self, connection: Connection) -> None:
         """Hand a session over if another server has its lease or requests it."""
@@ -489,11 +495,3 @@ async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:
         await page.close(CLOSE_OLD)
     else:
         await page.close(REFUSED)
-
-
-def _has_lease(connection: Connection) -> bool:
-    return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
-
-
-async def _answer_without_icon(_: Request) -> Response:
-    return Response(status_code=204)

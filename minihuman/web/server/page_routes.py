@@ -71,8 +71,8 @@ _TYPES = {
 
 
 def build_page_routes() -> list[Route]:
-    """Build the routes of the page at the root and of the files that it loads below `/static`."""
-    routes = []
+    """Build the routes of the page at the root, of its icon, and of the files that it loads below `/static`."""
+    routes = [Route("/favicon.ico", _answer_without_icon)]
     for path in sorted(PAGE_FOLDER.rglob("*")):
         if path.suffix in _TYPES:
             address = f"/static/{path.relative_to(PAGE_FOLDER).as_posix()}"
@@ -82,6 +82,10 @@ def build_page_routes() -> list[Route]:
     routes += [_route(address, path) for address, path in list_page_modules()]
     routes.append(_serve(UNREACHABLE_ADDRESS, _encode_unreachable_texts(), _TYPES[".json"]))
     return routes
+
+
+async def _answer_without_icon(_: Request) -> Response:
+    return Response(status_code=204)
 
 
 def _encode_unreachable_texts() -> bytes:

@@ -29,16 +29,20 @@ _OUTCOME = struct.Struct("<dQ")
 
 
 class PageWorld(World):
-    """A world that a page can compute, too, and that keeps its last step's state for a digest."""
+    """A world that a page can compute, too, and that keeps its last step's state for a digest if asked to."""
 
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         super().__init__(world_id, options)
-        self._keeps_steps = self.is_compiled
+        self._keeps_steps = False
         self._is_grid = isinstance(self.unwrapped, GridEngine)
         self._stepped: tuple[NDArray[Any], ...] = ()
 
+    def keep_steps(self) -> None:
+        """Keep the state after each step from now on, for ``digest``. The world must be compiled."""
+        self._keeps_steps = True
+
     def step(self, action: Action) -> StepResult:
-        """Step the world, as `World.step`, and keep the state that the step led to."""
+        """Step the world, as `World.step`, and keep the state that the step led to, if that was asked for."""
         result = super().step(action)
         if self._keeps_steps:  # a copy, since the next episode changes the same arrays
             env = self.unwrapped
@@ -49,7 +53,7 @@ class PageWorld(World):
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
-        """Return the digest of the last step and its outcome as 16 hexadecimal digits."""
+        """Return the digest of the last step, after ``keep_steps``, and of its outcome as 16 hexadecimal digits."""
         digest: Any = digest_step if self._is_grid else digest_state
         end = 0
         if terminated:
@@ -129,6 +133,7 @@ def _compare_steps(
     world: PageWorld, actions: Sequence[int], digests: Sequence[str], rewards: Sequence[float] | None
 ) -> ActionsVerification:
     """Replay actions in a world that was just reset; return the verification up to the first difference."""
+    world.keep_steps()
     verified = ActionsVerification(
         0, "", 0.0, terminated=False, truncated=False, action_names=tuple(world.action_names)
     )

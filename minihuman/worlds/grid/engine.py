@@ -420,9 +420,12 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     def scene_hash(self) -> int:
         """Return the hash of the state without the number of steps taken."""
-        saved = self.save()
-        saved.row[fields.STEP] = 0
-        return _hash_snapshot(saved)
+        step = self._row[fields.STEP]
+        self._row[fields.STEP] = 0
+        try:
+            return _hash_snapshot(self._share_snapshot())
+        finally:
+            self._row[fields.STEP] = step
 
     def save(self) -> GridSnapshot:
         """Return an exact copy of the state in mid-episode."""
@@ -431,17 +434,14 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     def _share_snapshot(self) -> GridSnapshot:
         """Return the snapshot that `save` copies; its arrays and attributes are those of the world itself."""
-        if self.kept:
-            attributes = {name: getattr(self, name) for name in self.kept}
-        else:
-            attributes = {}
+        attributes = {name: getattr(self, name) for name in self.kept}
         if self.cell_marks:
             attributes["cell_marks"] = [[*cell, *mark] for cell, mark in self.cell_marks.items()]
         return GridSnapshot(self._row, self._read_stream(), self.mission, attributes)
 
     def restore(self, saved: GridSnapshot) -> None:
         """Restore a saved state, which may be restored again; raise a WorldError if the world has another size."""
-        if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
+        if saved.row.shape != self._row.shape or saved.row[:2].tolist() != self._row[:2].tolist():
             raise WorldError(
                 f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
                 f"{self._row[fields.WIDTH]} x {self._row[fields.HEIGHT]}; restore it into a world of the same size"
