@@ -13,7 +13,7 @@ _POINTERS: Mapping[str, type[inputs.PointerPressed | inputs.PointerMoved | input
     "moved": inputs.PointerMoved,
     "released": inputs.PointerReleased,
 }
-_MAX_REMEMBERED = 2_000  # presses; a page repeats only unacknowledged ones, which are seconds old
+_MAX_REMEMBERED = 300  # presses; a page repeats only unacknowledged ones, which are seconds old
 MakeInput = Callable[[int], inputs.Input | None]  # makes an input for the time, in ns, of the page's echo
 
 
