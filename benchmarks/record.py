@@ -51,17 +51,26 @@ def record(name: str, command: list[str], folder: Path) -> Path:
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", name):
         raise SystemExit(f"{name!r} is no name of a record; write small letters, digits and hyphens")
     machine = describe_machine()
+    paths = sorted((word for word in (*command, str(RESULTS.parents[1])) if Path(word).is_absolute()), key=len)
+
+    def shorten(text: str) -> str:
+        """Put names in the place of paths, which are of one machine."""
+        for path in reversed(paths):
+            text = text.replace(path, Path(path).name)
+        return text
+
     output = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
             print(line, end="", flush=True)
-            output.append(line.rstrip("\n"))
+            output.append(shorten(line.rstrip("\n")))
     if process.returncode != 0:
         raise SystemExit(process.returncode)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    contents = {"command": command, **machine, "load_after": round(os.getloadavg()[0], 1), "output": output}
+    load = round(os.getloadavg()[0], 1)
+    contents = {"command": [shorten(word) for word in command], **machine, "load_after": load, "output": output}
     path.write_text(json.dumps(contents, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return path
 

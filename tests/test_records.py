@@ -27,7 +27,7 @@ def test_a_record_has_what_a_command_printed_and_what_it_depends_on(tmp_path: Pa
     main(["kills", "--folder", str(tmp_path), "--", sys.executable, "-c", "print('300 kills'); print('0 lost')"])
     record = json.loads((tmp_path / "kills.json").read_text(encoding="utf-8"))
     assert record["output"] == ["300 kills", "0 lost"]
-    assert record["command"][0] == sys.executable
+    assert record["command"][0] == Path(sys.executable).name
     assert {"date", "commit", "python", "versions", "machine", "cores", "load_before", "load_after"} <= record.keys()
 
 
@@ -35,6 +35,18 @@ def test_a_command_that_fails_leaves_no_record(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="3"):
         main(["kills", "--folder", str(tmp_path), "--", sys.executable, "-c", "raise SystemExit(3)"])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_record_names_no_folder_of_the_machine(tmp_path: Path) -> None:
+    earlier = tmp_path / "earlier"
+    program = "import sys; print(f'of {sys.argv[1]}: 3')"
+    main(["builds", "--folder", str(tmp_path), "--", sys.executable, "-c", program, str(earlier)])
+    record = json.loads((tmp_path / "builds.json").read_text(encoding="utf-8"))
+    assert record["command"] == [Path(sys.executable).name, "-c", program, "earlier"]
+    assert record["output"] == ["of earlier: 3"]
+    for path in RESULTS.glob("*.json"):
+        words = json.loads(path.read_text(encoding="utf-8")).get("command", [])
+        assert [word for word in words if Path(word).is_absolute()] == [], path.name
 
 
 def test_a_record_is_written_nowhere_else(tmp_path: Path) -> None:
