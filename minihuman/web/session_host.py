@@ -11,7 +11,7 @@ from dataclasses import replace
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler, WorldFactory
-from minihuman.experiment.machine.events import Event, Noted, Stepped
+from minihuman.experiment.machine.events import Event, Noted, SessionStarted, Stepped
 from minihuman.experiment.machine.page_alterations import format_alteration
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.replay import BROWSER_NOTE
@@ -181,14 +181,18 @@ class SessionHost:
     def _add_notes(
         self, message: messages.PageMessage, at_ns: int, events: list[Event], stepped: Stepped | None
     ) -> list[Event]:
-        """Return a message's events, preceded by notes about the page and about differences of its step."""
+        """Return a message's events with notes about the page and about differences of its step.
+
+        The notes come first, but after the start of the session, with which a log begins.
+        """
         if difference := self.outbox.compare(message, stepped):
             self._notes.append(difference)
         if not self._notes:
             return events
         notes = self._notes
         self._notes = []
-        return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
+        start = [event for event in events[:1] if isinstance(event, SessionStarted)]
+        return [*start, *(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events[len(start) :]]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
         """Advance the session's time to that of a message, which begins the session if it is the first.

@@ -336,3 +336,19 @@ def test_the_docs_say_of_the_transfer_study_what_its_table_does():
         words = few.get(int(found["runs"])) or "[{:.2f}, {:.2f}]".format(*bounds)
         assert gain == f"{found['improvement']:+.2f} {words}"
         assert published == f"{found['published']:+.2f} (SD {found['published_sd']:.2f})"
+
+
+@needs("learn")
+def test_job_files_are_run_with_several_seeds_and_not_again(tmp_path, monkeypatch, capsys):
+    world = '[[world]]\nid = "minihuman/MiniGrid-Empty-5x5-v0"\n'
+    (tmp_path / "two.toml").write_text(WARM_START.format(people="") + world.replace("Empty-5x5", "Empty-6x6"))
+    run(monkeypatch, "job_runs.py", tmp_path, "--jobs", "two", "--seeds", 2)
+    runs = pd.read_csv(tmp_path / "job_runs.csv")
+    assert runs[["seed", "episodes"]].to_numpy().tolist() == [[1, 2], [1, 2], [2, 2], [2, 2]]
+    assert set(runs["world"]) == {"minihuman/MiniGrid-Empty-5x5-v0", "minihuman/MiniGrid-Empty-6x6-v0"}
+    table = capsys.readouterr().out.splitlines()[-1]
+    assert table.startswith("| two | minihuman/MiniGrid-Empty-6x6-v0 | ")
+    assert table.split("|")[3].strip().endswith(" of 2")
+    run(monkeypatch, "job_runs.py", tmp_path, "--jobs", "two", "--seeds", 2)
+    assert len(pd.read_csv(tmp_path / "job_runs.csv")) == 4
+    assert pd.read_csv(tmp_path / "job_runs_curves.csv").groupby("seed")["steps"].max().tolist() == [512, 512]

@@ -249,6 +249,16 @@ def test_what_led_to_no_event_is_safe_with_what_follows(tmp_path: Path) -> None:
     assert seat.safe() == 3
 
 
+@pytest.mark.parametrize("first", [messages.TickMessage(), messages.KeyMessage("enter", True, 4 * MS)])
+def test_a_log_begins_with_the_session_whatever_is_noted_of_the_page_before(tmp_path: Path, first: Any) -> None:
+    """A page whose first message comes after its server was killed may be ahead of the next server's clock."""
+    seat, recorder = a_seat(tmp_path)
+    seat.note("the page's time was claimed to be 1.6 s ahead of the server's")
+    seat.receive(1, 5 * MS, first)
+    assert isinstance(recorder.events[0], SessionStarted)
+    assert [event.t_ns for event in recorder.events if isinstance(event, Noted) and event.kind == "page"] == [5 * MS]
+
+
 def test_time_that_does_not_go_on_is_refused(tmp_path: Path) -> None:
     seat, _ = a_seat(tmp_path)
     seat.receive(1, 5 * MS, messages.TickMessage())
