@@ -19,7 +19,12 @@ def test_every_figure_of_a_table_is_in_a_record(page: str) -> None:
     recorded = {number for path in RESULTS.iterdir() for number in NUMBER.findall(path.read_text(encoding="utf-8"))}
     rows = re.findall(r"^\| .*\|$", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert len(rows) > 25
-    missing = {number: row for row in rows for number in NUMBER.findall(row) if number not in recorded}
+    missing = {
+        number: row
+        for row in rows
+        for number in NUMBER.findall(row)
+        if not recorded & {number, number.replace(",", "")}  # a program may print no commas
+    }
     assert missing == {}
 
 
