@@ -6,7 +6,7 @@ PLANTED = (
     Mutant(
         "an input stamped before the last one turns the session's time back",
         "experiment/machine/session.py",
-        "max(self.now_ns, happened.t_ns, at_ns)",
+        "max(context.now_ns, happened.t_ns, at_ns)",
         "max(happened.t_ns, at_ns)",
         ("tests/study/test_session.py",),
     ),
