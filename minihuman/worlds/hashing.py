@@ -8,7 +8,6 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-import xxhash
 
 _FLOAT = struct.Struct("<cd")
 _PLAIN = frozenset(np.dtype(f"<{kind}") for kind in ("u1", "i1", "i2", "i4", "i8", "u2", "u4", "u8", "f4", "f8"))
@@ -49,7 +48,9 @@ def quick_hash64(state: Any) -> int:
     Raises:
         TypeError: if a value has no canonical form.
     """
-    return xxhash.xxh3_64_intdigest(_encode_canonical(state))
+    from xxhash import xxh3_64_intdigest  # here, as the environment that compiles the kernels lacks it
+
+    return xxh3_64_intdigest(_encode_canonical(state))
 
 
 def _encode_canonical(state: Any) -> bytes:
