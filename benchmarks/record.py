@@ -51,7 +51,9 @@ def record(name: str, command: list[str], folder: Path) -> Path:
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", name):
         raise SystemExit(f"{name!r} is no name of a record; write small letters, digits and hyphens")
     machine = describe_machine()
-    paths = sorted((word for word in (*command, str(RESULTS.parents[1])) if Path(word).is_absolute()), key=len)
+    paths = sorted(
+        (word for word in (*command, str(RESULTS.parents[1])) if Path(word).is_absolute() and word != "/"), key=len
+    )
 
     def shorten(text: str) -> str:
         """Put names in the place of paths, which are of one machine."""

@@ -157,14 +157,11 @@ def replace_durably(
 
 def _remove_abandoned_files(path: Path) -> None:
     """Remove the hidden files of killed processes that were replacing a file; those that cannot be removed stay."""
-    if not path.parent.is_dir():
-        return
     name = re.compile(rf"\.{re.escape(path.name)}\.\d+{re.escape(_HIDDEN_SUFFIX)}")
-    for file in path.parent.iterdir():
-        if name.fullmatch(file.name):
-            with suppress(OSError):
-                if time.time() - file.stat().st_mtime > _ABANDONED_S:
-                    current_system().disk.unlink(file)
+    with suppress(OSError):  # no folder yet, or one that may be written but not listed
+        for file in path.parent.iterdir():
+            if name.fullmatch(file.name) and time.time() - file.stat().st_mtime > _ABANDONED_S:
+                current_system().disk.unlink(file)
 
 
 def write_atomically(text: str, path: Path) -> None:

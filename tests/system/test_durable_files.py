@@ -4,6 +4,8 @@ import os
 import time
 from pathlib import Path
 
+import pytest
+
 from minihuman.storage.durable_files import replace_durably
 
 
@@ -26,3 +28,14 @@ def test_what_a_killed_writer_left_is_removed_once_nobody_can_still_be_writing_i
     write(path, b"whole")
     assert path.read_bytes() == b"whole"
     assert sorted(tmp_path.iterdir()) == sorted([path, recent, other, own])
+
+
+def test_a_folder_that_cannot_be_listed_is_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(folder: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(folder))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    write(tmp_path / "study.toml", b"whole")
+    assert (tmp_path / "study.toml").read_bytes() == b"whole"

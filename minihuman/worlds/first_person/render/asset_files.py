@@ -386,7 +386,7 @@ class FolderAssets(Assets):
 
     def _texture_file(self, name: str) -> Path | None:
         """Return the path of a texture; None if it is not in the folder. A mesh's texture is named by its path."""
-        if name.endswith(".png"):
+        if name.lower().endswith(".png"):
             return Path(name)
         for stem in (name, name.removesuffix("_1")):
             for suffix in (".png", ".PNG"):
