@@ -27,6 +27,7 @@ from tests.web.serving import Line, line, serving
 pytestmark = needs("chromium")
 N_RUNS = int(os.environ.get("MINIHUMAN_ABSENCE_RUNS", count(1, 17)))  # 204 of all twelve
 WAIT_S, THINKING_S, PERIOD_MS = 3, 5, 100  # a busy machine's hand comes back within them
+TOO_LONG = "options = { length = 60 }"  # no pair whose key "1" means "right" reaches the end of such a line
 REPLACED = "A computer program plays for you"
 _LOSE_FOCUS = """() => {
   document.hasFocus = () => false;
@@ -53,7 +54,7 @@ def test_an_agent_takes_the_seat_of_a_partner_who_is_gone_and_the_other_is_told(
     tmp_path: Path, how: str, pace: str
 ) -> None:
     n_runs = N_RUNS
-    block = f'pace = "real_time"\nstep_period_ms = {PERIOD_MS}' if pace == "ticks" else ""
+    block = f'{TOO_LONG}\npace = "real_time"\nstep_period_ms = {PERIOD_MS}' if pace == "ticks" else TOO_LONG
     team = f"{PEOPLE}\npartner_wait_s = {WAIT_S}\nthinking_wait_s = {THINKING_S}"
     episodes, max_steps = (5, 40) if pace == "ticks" else (3, 20)
     protocol = team_study(
