@@ -9,11 +9,15 @@ import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from inspect import signature
+from operator import index
 from typing import Any, ClassVar
 
+import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from minihuman.worlds.grid.babyai.binding import instruct
+from minihuman.worlds.grid.core.rules import FAULTY, TERMINATED, TRUNCATED
 from minihuman.worlds.grid.core.state import FAILED, OVER, PHASE, PLAYING
 from minihuman.worlds.grid.engine import GridEngine, set_attribute
 from minihuman.worlds.grid.families import FAMILIES, recipe
@@ -21,7 +25,7 @@ from minihuman.worlds.grid.family_names import INSTEAD
 from minihuman.worlds.grid.layout import Layout, Recipe
 from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.own.acts import OwnRules
-from minihuman.worlds.grid.own.fields import OwnField, declare_fields, observed_number, observed_space, own_numbers
+from minihuman.worlds.grid.own.fields import OwnField, declare_fields, observe_fields, observed_space, own_numbers
 from minihuman.worlds.upstream_names import (
     WorldAttributeError,
     define_names,
@@ -39,6 +43,7 @@ _SET_BY_RESETS = frozenset(
     {"cell_marks", "mission", "_episode_recipe", "_draws", "_stream_is_held", "_stream_is_ahead", "_views"}
     | {"_np_random", "_np_random_seed"}
 )
+_NO_IMAGE = np.zeros((0, 0, 3), np.uint8)
 _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
 
 
@@ -213,10 +218,8 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
     done_required: ClassVar[bool] = False  # whether a clause ends only with the action "done" right after it
     own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the fields that the class and its bases declare
     observed: ClassVar[tuple[str, ...]] = ()  # names of declared fields that are part of each observation
-    is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     _has_own_reward: ClassVar[bool] = False
     _has_own_step_values: ClassVar[bool] = False  # a reward or an observation that kernels do not make
-    _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Record whether the subclass defines its reward or its observation, and place its fields."""
@@ -267,12 +270,11 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
 
     def _lay_out(self) -> None:
         own_numbers(self)[:] = 0
-        if self.is_translated:
-            # imported by name: no kernel depends on the translation, so none is compiled anew when it changes
-            self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
-            if self._compiled_rules is not None and self._compiled_rules.has_layout:
-                self.mission = self._compiled_rules.lay_out(self, self._stream())
-                return
+        rules = self._load_rules()
+        if rules is not None and rules.has_layout:
+            self._stream()  # the rules draw from it
+            self.mission = rules.lay_out(self)
+            return
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
         self.mission = grid.mission
@@ -288,26 +290,52 @@ class GridWorld(OwnRules, GridEngine, abc.ABC):
         """
         if not self._has_own_step_values:
             return super().step(action)
-        reward, terminated, truncated = self.advance(action)
-        return self.observation(), reward, terminated, truncated, {}
+        if self._compiled_rules is None or not self._compiled_rules.has_reward:
+            reward, terminated, truncated = self.advance(action)
+            return self.observation(), reward, terminated, truncated, {}
+        image = np.empty(self.image_shape, np.uint8)
+        status, direction, reward = self._step_compiled(action, image)
+        observation = {"image": image, "direction": direction, "mission": self.mission}
+        observe_fields(self, observation)
+        return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
         """Take an action without computing the observation; return the reward, terminated and truncated."""
-        reward, terminated, truncated = super().advance(action)
-        if self._has_own_reward:
-            number = self._number_of(action)
-            if self._compiled_rules is not None and self._compiled_rules.has_reward:
-                rng_state = self._stream() if self._compiled_rules.draws else self._rng_state
-                return *self._compiled_rules.judge(self, rng_state, number, reward, terminated), truncated
-            reward, terminated = self.reward_and_done(number, reward, terminated)
-            self._row[PHASE] = OVER if terminated or truncated else PLAYING
+        if not self._has_own_reward:
+            return super().advance(action)
+        if self._compiled_rules is not None and self._compiled_rules.has_reward:
+            status, _, reward = self._step_compiled(action, _NO_IMAGE)
+            return reward, status & TERMINATED != 0, status & TRUNCATED != 0
+        number = self._read_action(action)
+        reward, terminated, truncated = super().advance(number)
+        reward, terminated = self.reward_and_done(number, reward, terminated)
+        self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
+
+    def _read_action(self, action: Any) -> int:
+        """Return the number of an action, as the worlds of the catalogue take it."""
+        try:
+            return index(action)
+        except TypeError:
+            return self._number_of(action)
+
+    def _step_compiled(self, action: int, image: NDArray[np.uint8]) -> tuple[int, int, float]:
+        """Make one step by the compiled rules; the result is that of `core.rules.step`."""
+        number = self._read_action(action)
+        rules = self._compiled_rules
+        if self._draws or rules.draws:
+            self._stream()
+        step: tuple[int, int, float] = rules.step(number, image)
+        if step[0] < 0:
+            raise self._refusal(step[0], action)
+        if step[0] == FAULTY:
+            rules.raise_fault()
+        return step
 
     def observation(self) -> dict[str, Any]:
         """Return the agent's current observation, with the declared fields that are `observed`."""
         observation = super().observation()
-        for name in self.observed:
-            observation[name] = observed_number(self, name)
+        observe_fields(self, observation)
         return observation
 
     shortest_path = GridEngine.shortest_path

@@ -72,11 +72,9 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
     own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the declared fields of the class and its bases
-    is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     action_names = TEAM_ACTION_NAMES
     idle_action = STAY
     _has_own_reward: ClassVar[bool] = False
-    _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Record whether the subclass defines its rewards, and place its declared fields."""
@@ -179,12 +177,10 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
 
     def _lay_out(self) -> None:
         """Lay out an episode by the compiled rules if there are any, or else by `layout`."""
-        if self.is_translated:
-            self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
-        rules = self._compiled_rules
+        rules = self._load_rules()
         if rules is not None:
             read_rng_state(self.np_random, self._rng_state)
-            self.mission = rules.lay_out(self, self._rng_state)
+            self.mission = rules.lay_out(self)
             write_rng_state(self._rng_state, self.np_random)
             return
         grid = Layout(self._row, self.np_random, self._first_mission, self.kinds, self.bodies)

@@ -1,5 +1,7 @@
 """Grid worlds of one's own, translated and compiled: equal to plain Python, and errors that name the author's line."""
 
+import copy
+import ctypes
 import inspect
 import logging
 import math
@@ -12,11 +14,13 @@ import gymnasium
 import numpy as np
 import pytest
 
+from minihuman.errors import WorldError
 from minihuman.experiment.plan.dry_run import _describe_rules
 from minihuman.experiment.protocol.model import BlockSpec
+from minihuman.worlds.grid.core.state import NEW, PHASE
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball
-from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, programs
+from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, passes, programs
 from minihuman.worlds.grid.own.batch import OwnBatch, make_batch
 from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.team_batch import OwnTeamBatch
@@ -98,6 +102,47 @@ def test_a_compiled_batch_and_a_compiled_world_step_as_plain_python_does():
             for world in (compiled, plain):
                 world.reset()
     assert compiled.state_hash() == plain.state_hash()
+
+
+@pytest.mark.parametrize("name", ["Patrol", "Garden"])
+def test_a_compiled_world_takes_refuses_and_resumes_as_plain_python_does(name):
+    """Each act on the compiled world says the same as on the plain one, errors included."""
+    world_class = getattr(examples, name)
+    programs.compile_rules(world_class())
+    pair = [world_class(), plain_class(world_class)()]
+    acts = (0, "reset", 2, np.int64(1), np.array(2), True, 2.0, 9, -1, None, "advance", "copy", 2)
+    for number, action in enumerate(acts):
+        outcomes = []
+        for place, world in enumerate(pair):
+            outcome, pair[place] = act(world, action)
+            outcomes.append(outcome.replace("Plain", name))
+        assert outcomes[0] == outcomes[1], (number, action)
+    assert pair[0]._compiled_rules is None  # a copy begins without, and finds them at its reset
+    pair[0].reset()
+    assert pair[0]._compiled_rules is not None
+
+
+def act(world, action):
+    """What a step, a reset or a copy gives, errors included, and the world with which to go on."""
+    try:
+        if action == "reset":
+            outcome = world.reset(seed=3)
+        elif action == "copy":
+            world = copy.deepcopy(world)
+            outcome = world.observation()
+        elif action == "advance":
+            outcome = world.advance(1), world.observation()
+        else:
+            outcome = world.step(action)
+    except (WorldError, TypeError) as error:
+        outcome = f"{type(error).__name__}: {error}"
+    return f"{outcome!r} {world.state_hash() if world._row[PHASE] != NEW else ''}", world
+
+
+def test_the_address_of_a_compiled_function_can_be_called_without_compilation():
+    doubled = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(lambda number: 2 * number)
+    address = ctypes.cast(doubled, ctypes.c_void_p).value
+    assert passes._call_plain(address, 21) == 42
 
 
 @pytest.mark.nightly

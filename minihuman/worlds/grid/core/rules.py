@@ -73,6 +73,7 @@ ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 # bits of a step's status
 TERMINATED = 1
 TRUNCATED = 2
+FAULTY = 4  # a user's own rules have recorded a fault
 # a step that was refused and changed nothing
 NOT_PLAYING = -1
 NO_SUCH_ACTION = -2

@@ -3,6 +3,7 @@
 Translated rules do the same in compiled code (`runtime`).
 """
 
+from importlib import import_module
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,9 +20,19 @@ class OwnRules:
     """Mixin with the methods by which `reward_and_done` changes a grid, for worlds with one body or several."""
 
     bodies: int = 1
+    is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     kinds: ClassVar[Any]
     np_random: np.random.Generator
     _row: Row
+    _compiled_rules: Any = None  # compiled `layout` and `reward_and_done` of this world, once they are loaded
+
+    def _load_rules(self) -> Any:
+        """Return the compiled rules of the world as it is now; None if it runs as plain Python."""
+        rules = self._compiled_rules
+        if self.is_translated and (rules is None or not rules.refresh_for(self)):
+            # imported by name: no kernel depends on the translation, so none is compiled anew when it changes
+            rules = self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
+        return rules
 
     def draw(self, low: int, high: int) -> int:
         """Draw a whole number in [low, high) from the world's random stream."""

@@ -264,8 +264,7 @@ class OwnBatch(RowVectorEnv):
         numbers = self._own[:, field.offset : field.offset + field.size]
         if isinstance(field, Bool):
             return numbers[:, 0].copy()
-        shape = np.shape(field.read(self._own[0]))
-        return np.ascontiguousarray(numbers).view(field.dtype).reshape(self.num_envs, *shape)
+        return np.ascontiguousarray(numbers).view(field.dtype).reshape(self.num_envs, *field.shape)
 
     def _collect_final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the last observations of the worlds whose episodes ended (``over``, bool[n]), as Gymnasium's info."""

@@ -8,6 +8,7 @@ At the beginning of an episode, all fields are 0. They are saved, restored and h
 world share one vector of int64, which compiled rules read and write directly; it contains the bits of a `Float`.
 """
 
+import math
 from collections.abc import Sequence
 from operator import index
 from typing import Any, ClassVar
@@ -25,14 +26,15 @@ class OwnField:
     """A declared field, which reads and writes its part of the world's vector.
 
     Args:
-        size: the number of elements of the vector that the field occupies.
+        shape: the lengths of the field's array; none for a single number.
     """
 
     dtype: ClassVar[type[np.generic]] = np.int64
 
-    def __init__(self, size: int = 1) -> None:
+    def __init__(self, *shape: int) -> None:
         self.name = ""
-        self.size = size
+        self.shape = shape
+        self.size = math.prod(shape)  # the number of elements of the vector that the field occupies
         self.offset = -1
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -57,6 +59,12 @@ class OwnField:
     def places(self, numbers: OwnNumbers) -> NDArray[Any]:
         """Return the field's part of a world's vector as a view with the field's dtype."""
         return numbers[self.offset : self.offset + self.size].view(self.dtype)
+
+    def observe(self, numbers: OwnNumbers) -> Any:
+        """Return a copy of the field's content, as its `observed_space` contains it."""
+        if self.shape:
+            return self.places(numbers).reshape(self.shape).copy()
+        return numbers[self.offset, ...].view(self.dtype).copy()
 
 
 class Int(OwnField):
@@ -86,6 +94,11 @@ class Bool(OwnField):
     def write(self, numbers: OwnNumbers, content: Any) -> None:
         """Set the field to True or False."""
         numbers[self.offset] = bool(content)
+
+    def observe(self, numbers: OwnNumbers) -> np.int64:
+        """Return 0 or 1."""
+        observed: np.int64 = numbers[self.offset]
+        return observed
 
 
 class Float(OwnField):
@@ -134,8 +147,7 @@ class _Array(OwnField):
     def __init__(self, *shape: int) -> None:
         if not 1 <= len(shape) <= 2:
             raise WorldError(f"{type(self).__name__} has {len(shape)} lengths; give one or two")
-        self.shape = tuple(_check_length(type(self).__name__, length) for length in shape)
-        super().__init__(int(np.prod(self.shape)))
+        super().__init__(*(_check_length(type(self).__name__, length) for length in shape))
 
     def read(self, numbers: OwnNumbers) -> NDArray[Any]:
         """Return the array as a view: writing to it changes the field."""
@@ -223,19 +235,17 @@ def field_named(world_class: Any, name: str) -> OwnField:
 def observed_space(world: Any, name: str) -> spaces.Space[Any]:
     """Return the observation space of a declared field: Discrete(2) for a Bool, or a Box of its shape and dtype."""
     field = field_named(type(world), name)
-    shape = np.shape(field.read(own_numbers(world)))
     if isinstance(field, Bool):
         return spaces.Discrete(2)
     if field.dtype is np.float64:
-        return spaces.Box(-np.inf, np.inf, shape, np.float64)
+        return spaces.Box(-np.inf, np.inf, field.shape, np.float64)
     limits = np.iinfo(np.int64)
-    return spaces.Box(limits.min, limits.max, shape, np.int64)
+    return spaces.Box(limits.min, limits.max, field.shape, np.int64)
 
 
-def observed_number(world: Any, name: str) -> Any:
-    """Return the observation of a declared field: a copy of its content, as its `observed_space` contains it."""
-    field = field_named(type(world), name)
-    places = field.places(own_numbers(world))
-    if isinstance(field, Bool):
-        return np.int64(places[0])
-    return places.reshape(np.shape(field.read(own_numbers(world)))).copy()
+def observe_fields(world: Any, observation: dict[str, Any]) -> None:
+    """Add the observations of a world's `observed` fields to an observation of the world."""
+    if world.observed:
+        numbers = own_numbers(world)
+        for name in world.observed:
+            observation[name] = getattr(type(world), name).observe(numbers)

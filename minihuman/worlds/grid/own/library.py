@@ -47,6 +47,7 @@ class RulesLibrary:
         steps: runs `reward_and_done` likewise; None if there is none.
         layout_of_one: does the same as ``layouts``, without releasing the interpreter lock.
         step_of_one: does the same as ``steps``, without releasing the interpreter lock.
+        step_address: the address of ``steps``, for kernels to call; 0 if there is none.
     """
 
     def __init__(self, code: bytes, *, has_steps: bool) -> None:
@@ -56,6 +57,7 @@ class RulesLibrary:
         # one world's rules run for less time than releasing the interpreter lock takes
         self.layout_of_one = self._function("minihuman_layouts", ctypes.PYFUNCTYPE)
         self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
+        self.step_address: int = self._engine.get_function_address("minihuman_steps") if has_steps else 0
 
     def _function(self, name: str, kind: Any) -> CompiledFunction:
         """Return a compiled function by its name, as the ctypes ``kind``; raise OSError if there is none."""

@@ -1,13 +1,82 @@
-"""The passes over a batch of a user's own worlds that apply the grid's rules before the user's rules."""
+"""The passes over a user's own worlds that apply the grid's rules before the user's rules.
+
+The author's rules of a batch are a pass of their own; `step_own` makes all three passes over one world in one call.
+"""
+
+import ctypes
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.bodies import HIDE, act_team, see_body, step_team
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
+from minihuman.worlds.grid.core.rules import FAULTY, TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import ACTIONS, DIRECTION, OVER, PHASE, PLAYING, TASK
 from minihuman.worlds.grid.core.view import see
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.grid.own import entries
+from minihuman.worlds.grid.own.entries import TABLE
+from minihuman.worlds.kernels import array_at, kernel, llvm_function
+
+int64_array_at = array_at(np.int64)
+float64_array_at = array_at(np.float64)
+uint8_array_at = array_at(np.uint8)
+
+
+def _call(builder: Any, arguments: Any) -> Any:
+    from llvmlite import ir  # only where kernels are compiled
+
+    whole = ir.IntType(64)
+    (_, function), (_, argument) = arguments
+    return builder.call(builder.inttoptr(function, ir.FunctionType(whole, [whole]).as_pointer()), [argument])
+
+
+def _call_plain(function: int, argument: int) -> int:
+    return ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(int(function))(int(argument))
+
+
+# Calls the compiled function at an address with one whole number; returns the whole number that the function returns.
+call_address = llvm_function(_call, _call_plain, counts=True)
+
+
+@kernel("(int64, int64, int32[::1], uint64[::1], int64, uint8[:, :, ::1])", hold_gil=True)
+def step_own(
+    rules: int,
+    table_address: int,
+    row: NDArray[np.int32],
+    rng_state: NDArray[np.uint64],
+    action: int,
+    image: NDArray[np.uint8],
+) -> tuple[int, int, float]:
+    """Make one step of one world: the grid's own rules, the author's compiled rules, and the agent's view.
+
+    Args:
+        rules: the address of the author's compiled function (see `entries`).
+        table_address: the address of its table; the memory for actions, rewards and flags must be for one body.
+        row: the state, which is changed.
+        rng_state: the random stream.
+        action: the number of the action.
+        image: receives the agent's view, unless it has no elements; unchanged if the step is refused or has a fault.
+
+    Returns:
+        The status (TERMINATED and TRUNCATED as bits; FAULTY; or, of a step that was refused, a negative number as in
+            `core.rules.step`), the agent's direction and the reward.
+    """
+    status, reward = act_inline(row, action, rng_state)
+    if status < 0:
+        return status, row[DIRECTION], reward
+    table = int64_array_at(table_address, TABLE)
+    rewards = float64_array_at(table[entries.REWARDS], 1)
+    terminated = uint8_array_at(table[entries.TERMINATED], 1)
+    int64_array_at(table[entries.ACTIONS], 1)[0] = action
+    uint8_array_at(table[entries.TRUNCATED], 1)[0] = status & TRUNCATED != 0
+    rewards[0] = reward
+    terminated[0] = status & TERMINATED != 0
+    if call_address(rules, table_address):
+        return FAULTY, row[DIRECTION], 0.0
+    if image.size:
+        see(row, image)
+    status = status & TRUNCATED | (TERMINATED if terminated[0] else 0)
+    return status, row[DIRECTION], rewards[0]
 
 
 @kernel(

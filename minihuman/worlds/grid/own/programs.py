@@ -6,7 +6,8 @@ uses what was compiled before and otherwise runs as plain Python, which gives th
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NoReturn
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,10 +16,11 @@ from numpy.typing import NDArray
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.core.state import MAX_STEPS, STEP
 from minihuman.worlds.grid.own import entries
-from minihuman.worlds.grid.own.entries import FAULT, TABLE
+from minihuman.worlds.grid.own.entries import FAULT
 from minihuman.worlds.grid.own.faults import error_of
 from minihuman.worlds.grid.own.fields import own_numbers
 from minihuman.worlds.grid.own.library import RulesLibrary, can_load, compile_library, find_library
+from minihuman.worlds.grid.own.passes import step_own
 from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.translation import Program, Translation
 
@@ -145,9 +147,6 @@ def describe_rules(world: Any) -> str:
 
 def load_rules(world: Any) -> "WorldRules | None":
     """Return a world's rules if they were compiled before; None if they run as plain Python."""
-    present: WorldRules | None = world._compiled_rules
-    if present is not None and present.refresh_for(world):
-        return present
     if "_has_no_rules" in vars(world) or type(world).__module__.startswith(_OURS):
         return None
     rules = _find_rules(world)
@@ -170,7 +169,7 @@ def _find_rules(world: Any) -> "WorldRules | None":
     return WorldRules(world, program, library)
 
 
-def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None = None) -> None:
+def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None = None) -> NoReturn:
     """Raise the error that compiled rules recorded in a table (see `entries`).
 
     If ``world`` is given, the message names this number of a world in a batch.
@@ -219,7 +218,15 @@ def setting_arrays(world: Any, program: Program) -> tuple[NDArray[np.int64], NDA
 
 
 class WorldRules:
-    """The compiled rules of one world, with their own memory. A copy of the world starts without compiled rules."""
+    """The compiled rules of one world, with their own memory. A copy of the world starts without compiled rules.
+
+    Attributes:
+        has_layout: whether the layout is compiled.
+        has_reward: whether `reward_and_done` is compiled.
+        draws: whether `reward_and_done` draws random numbers.
+        step: takes an action and an array for the image, makes one step of a world with one body, and returns what
+            `passes.step_own` does.
+    """
 
     def __init__(self, world: Any, program: Program, library: RulesLibrary) -> None:
         self.has_layout = program.has_layout
@@ -229,20 +236,34 @@ class WorldRules:
         self._library = library
         self._row = world._row
         self._own = own_numbers(world)
-        self._rng_state = getattr(world, "_rng_state", np.zeros(6, np.uint64))
         self._missions = np.zeros(program.mission_length, np.int64)
         self._scratch = np.zeros(max(program.scratch, 1), np.int64)
         bodies = int(getattr(world, "bodies", 1))
         self._actions = np.zeros(bodies, np.int64)
         self._rewards = np.zeros(bodies)
         self._flags = np.array([0, 0, 1], np.uint8)  # terminated, truncated, stepped
-        self._table = np.zeros(TABLE, np.int64)
-        self._address = self._table.ctypes.data
         self._worlds = np.zeros(1, np.int64)
-        self._refresh(world)
-        self._action_view: Any = self._actions.data
-        self._reward_view: Any = self._rewards.data
-        self._flag_view: Any = self._flags.data
+        self._settings, self._float_settings = setting_arrays(world, program)
+        self._table = entries.make_table(
+            {
+                entries.ROWS: self._row[np.newaxis],
+                entries.OWN_NUMBERS: self._own,
+                entries.INT_SETTINGS: self._settings,
+                entries.FLOAT_SETTINGS: self._float_settings,
+                entries.RNG: world._rng_state,
+                entries.MISSIONS: self._missions,
+                entries.ACTIONS: self._actions,
+                entries.REWARDS: self._rewards,
+                entries.TERMINATED: self._flags[:1],
+                entries.TRUNCATED: self._flags[1:2],
+                entries.STEPPED: self._flags[2:],
+                entries.WORLDS: self._worlds,
+                entries.SCRATCH: self._scratch,
+            }
+        )
+        self._table[entries.COUNT] = 1
+        self._address = self._table.ctypes.data
+        self.step = partial(step_own, library.step_address, self._address, self._row, world._rng_state)
 
     def __reduce__(self) -> tuple[Any, tuple[()]]:
         return type(None), ()
@@ -256,36 +277,15 @@ class WorldRules:
                 return False
         except TranslationError:
             return False
-        self._refresh(world)
+        if len(self._settings) or len(self._float_settings):
+            self._settings[:], self._float_settings[:] = setting_arrays(world, self._program)
         return True
 
-    def _refresh(self, world: Any) -> None:
-        """Read the world's settings again, and write the addresses of all arrays into the table."""
-        self._settings, self._float_settings = setting_arrays(world, self._program)
-        table = self._table
-        table[entries.ROWS] = self._row.ctypes.data
-        table[entries.ROW_LENGTH] = len(self._row)
-        table[entries.OWN_NUMBERS] = self._own.ctypes.data
-        table[entries.INT_SETTINGS] = self._settings.ctypes.data
-        table[entries.FLOAT_SETTINGS] = self._float_settings.ctypes.data
-        table[entries.RNG] = self._rng_state.ctypes.data
-        table[entries.MISSIONS] = self._missions.ctypes.data
-        table[entries.ACTIONS] = self._actions.ctypes.data
-        table[entries.REWARDS] = self._rewards.ctypes.data
-        table[entries.TERMINATED] = self._flags.ctypes.data
-        table[entries.TRUNCATED] = self._flags.ctypes.data + 1
-        table[entries.STEPPED] = self._flags.ctypes.data + 2
-        table[entries.LAST] = 1
-        table[entries.WORLDS] = self._worlds.ctypes.data
-        table[entries.COUNT] = 1
-        table[entries.SCRATCH] = self._scratch.ctypes.data
-
-    def lay_out(self, world: Any, rng_state: NDArray[np.uint64]) -> str:
-        """Lay out an episode with the random stream ``rng_state``, and return its mission.
+    def lay_out(self, world: Any) -> str:
+        """Lay out an episode, drawing from the random stream in the world's memory, and return its mission.
 
         It is the world's first mission, unless the layout sets another.
         """
-        self._table[entries.RNG] = rng_state.ctypes.data
         if self._library.layout_of_one(self._address):
             raise_fault(self._program, self._table)
         return mission_of(self._program, self._missions, first_mission_of(world))
@@ -299,27 +299,14 @@ class WorldRules:
         """
         self._actions[:] = actions
         self._rewards[:] = rewards
-        self._run_rules(terminated)
-        return tuple(self._rewards.tolist()), bool(self._flags[0])
-
-    def judge(
-        self, world: Any, rng_state: NDArray[np.uint64], action: int, reward: float, terminated: bool
-    ) -> tuple[float, bool]:
-        """Run `reward_and_done` after an action; return the reward, and whether the episode has ended.
-
-        ``reward`` and ``terminated`` are what the grid's own rules say.
-        """
-        self._action_view[0] = action
-        self._reward_view[0] = reward
-        self._run_rules(terminated)
-        return self._reward_view[0], self._flag_view[0] != 0
-
-    def _run_rules(self, terminated: bool) -> None:
-        """Run `reward_and_done` on the actions and rewards in memory, which it replaces with its own."""
         row = self._row
-        flags = self._flag_view
-        flags[0] = 1 if terminated else 0
-        flags[1] = 1 if row[STEP] >= row[MAX_STEPS] else 0
+        self._flags[0] = terminated
+        self._flags[1] = row[STEP] >= row[MAX_STEPS]
         assert self._library.step_of_one is not None
         if self._library.step_of_one(self._address):
             raise_fault(self._program, self._table)
+        return tuple(self._rewards.tolist()), bool(self._flags[0])
+
+    def raise_fault(self) -> NoReturn:
+        """Raise what the author's rules raised in the last step, which the step's status says."""
+        raise_fault(self._program, self._table)
