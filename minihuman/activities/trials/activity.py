@@ -134,7 +134,10 @@ class TrialsActivity(PlayActivity):
             return super().screen()
         state = (run, run.frame, run.has_response)
         if self._latest_trial_screen is None or self._latest_trial_screen[0] != state:
-            screen = build_trial_screen(self.context, self._current, run, first_cue=self._first_cue)
+            photodiode = self.plan.timeline.photodiode if self.plan.timeline else msgspec.UNSET
+            screen = build_trial_screen(
+                self.context, self._current, run, first_cue=self._first_cue, photodiode=photodiode
+            )
             self._latest_trial_screen = (state, screen)
         return self._latest_trial_screen[1]
 

@@ -13,6 +13,7 @@ IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")  # of a timeline's images
 HZ = 1000.0  # of a tone that names no frequency
 SYNTHETIC_LEVEL_DB = -20.0  # of tones and noise that name no level
 PlaceSpec = float | str  # a number, or "{column}"
+Corner = Literal["top left", "top right", "bottom left", "bottom right"]  # of the picture
 
 
 class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -66,6 +67,9 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     responses: int = 1  # how many are taken; the last of them counts
     ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
     soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
+    # where a square for a photodiode is, white in a trial's first picture, black in its second, and so on; unset where
+    # there is none, as plans were written before there were such squares
+    photodiode: Corner | msgspec.UnsetType = msgspec.UNSET
 
     @property
     def target_name(self) -> str:
@@ -91,6 +95,8 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             yield "a response did not end the trial"
         if self.soa_ms:
             yield f"one trial began every {self.soa_ms:g} ms"
+        if self.photodiode:
+            yield f"a square for a photodiode ({self.photodiode}) changed between white and black with each picture"
 
 
 class TrialsPlan(PlayPlan, frozen=True):

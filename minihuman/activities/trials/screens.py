@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.trials.plan import Corner
 from minihuman.activities.trials.schedule import SOUND_LEAD_NS, ScheduledSound, StimulusContent
 from minihuman.activities.trials.trial_run import TrialRun
 from minihuman.experiment.machine.activity import SessionContext
@@ -14,6 +16,8 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
 from minihuman.experiment.sounds import SoundContent
 from minihuman.experiment.words import InterfaceWords
+
+_PHOTODIODE_SIZE = 0.2  # of the picture's height; the square's middle is the corner, so that a quarter is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,27 +70,32 @@ class TrialScreen(FilmsScreen):
         return (self.episode, self.start_ns)
 
 
-def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun, *, first_cue: int) -> TrialScreen:
-    """Build the screen of a running trial, whose sounds are numbered from ``first_cue`` on."""
+def build_trial_screen(
+    context: SessionContext,
+    play: RunningEpisode,
+    run: TrialRun,
+    *,
+    first_cue: int,
+    photodiode: Corner | msgspec.UnsetType = msgspec.UNSET,
+) -> TrialScreen:
+    """Build the screen of a running trial, whose sounds are numbered from ``first_cue`` on.
+
+    ``photodiode`` is the corner in which a square changes with each picture; unset for none.
+    """
     words = context.words
     schedule = run.schedule
     frames = range(len(run.changes_ns))
-    pictures: list[tuple[StimulusContent, ...]] = [()]
-    for has_response in (False, True):
-        pictures += [
-            tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
-            for frame in frames
-        ]
+    shown = [_list_contents(run, frame, photodiode, has_response=after) for after in (False, True) for frame in frames]
     target_step = 1
     if schedule.target_ns in run.changes_ns:
         target_step += run.changes_ns.index(schedule.target_ns)
     return TrialScreen(
-        contents=tuple(stimulus.content for stimulus in run.visible),
+        contents=_list_contents(run, run.frame, photodiode, has_response=run.has_response),
         body=", ".join(stimulus.name for stimulus in run.visible),
         files=context.plan.files,
         legend=_format_legend(words, play.plan.key_map.keys) if play.plan.show_keys else "",
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
-        pictures=tuple(pictures),
+        pictures=((), *shown),
         dues_ns=(0, *run.changes_ns),
         step=run.frame + 1 + (len(frames) if run.has_response else 0),  # the index in `pictures`
         episode=(play.plan.block, play.plan.episode),
@@ -96,12 +105,30 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         sounds=tuple(enumerate(schedule.sound_list, first_cue)),
         sound_contents=schedule.sound_contents,
         lead_ns=SOUND_LEAD_NS if run.has_lead else None,
-        foresees_responses=schedule.opens_ns == schedule.target_ns
-        and schedule.closes_ns in (None, schedule.end_ns)
-        and not run.target_is_sound,
+        foresees_responses=run.foresees_responses,
         response_keys=tuple(play.plan.key_map.keys),
         locale=words.locale,
     )
+
+
+def _list_contents(
+    run: TrialRun, frame: int, photodiode: Corner | msgspec.UnsetType, *, has_response: bool
+) -> tuple[StimulusContent, ...]:
+    """Return what a picture shows, the front one last; a square for a photodiode is in front of all."""
+    contents = tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
+    if not photodiode or frame < 0:
+        return contents
+    square = StimulusContent(
+        text="",
+        shape="square",
+        image="",
+        colour="#000000" if frame % 2 else "#ffffff",
+        size=_PHOTODIODE_SIZE,
+        x=float(photodiode.endswith("right")),
+        y=float(photodiode.startswith("bottom")),
+        layout="line",
+    )
+    return (*contents, square)
 
 
 def _format_legend(words: InterfaceWords, actions_by_key: Mapping[str, str]) -> str:

@@ -148,6 +148,13 @@ class TrialRun:
         """Return whether response times count from the onset of a sound."""
         return any(sound.name == self.schedule.target for sound in self.schedule.sound_list)
 
+    @property
+    def foresees_responses(self) -> bool:
+        """Return whether every press from the target on is a response, so that a page need not ask."""
+        schedule = self.schedule
+        is_open = schedule.opens_ns == schedule.target_ns and schedule.closes_ns in (None, schedule.end_ns)
+        return is_open and not self.target_is_sound
+
     def find_sound_due_ns(self, sound: ScheduledSound) -> int | None:
         """Return when a sound is due, in session time; None if the time from which it counts is not known yet.
 
