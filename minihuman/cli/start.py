@@ -27,6 +27,20 @@ if TYPE_CHECKING:
 
 WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
 FullscreenOption = Annotated[bool, Option("--fullscreen", help="Run in full screen.")]
+LoopbackOption = Annotated[
+    bool,
+    Option(
+        "--loopback",
+        help="Measure how late clicks come back through a cable from the headphone output to the sound input.",
+    ),
+]
+PhotodiodeOption = Annotated[
+    bool,
+    Option(
+        "--photodiode",
+        help="Measure how late pictures change, with a photodiode on the screen, connected to the sound input.",
+    ),
+]
 
 
 def demo(
@@ -220,6 +234,8 @@ def doctor(
             "--fullscreen/--windowed", help="Test in full screen (the default if a protocol is given) or in a window."
         ),
     ] = None,
+    loopback: LoopbackOption = False,
+    photodiode: PhotodiodeOption = False,
     trust: TrustOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -230,6 +246,7 @@ def doctor(
     Example: minihuman doctor protocols/fourrooms-transfer.toml
     """
     from minihuman.admin.protocol_file import read_protocol
+    from minihuman.runtime.device_delays import DelayChecks
     from minihuman.runtime.doctor import examine_machine, format_verdict
 
     if protocol is None:
@@ -239,7 +256,8 @@ def doctor(
     if fullscreen is None:
         fullscreen = study is not None
     findings = []
-    for finding in examine_machine(window=window, data=data, fullscreen=fullscreen, protocol=study):
+    delays = DelayChecks(loopback, photodiode)
+    for finding in examine_machine(window=window, data=data, fullscreen=fullscreen, protocol=study, delays=delays):
         findings.append(finding)
         if not json:
             print(finding.line(), flush=True)

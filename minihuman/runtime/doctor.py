@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import cycle
 from pathlib import Path
@@ -28,7 +27,9 @@ from minihuman.experiment.plan.trials import list_protocol_sounds
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.words import LANGUAGES
 from minihuman.operating_system import make_private_folder, sync_file
+from minihuman.runtime.device_delays import NO_DELAYS, DelayChecks, measure_loopback, measure_photodiode
 from minihuman.runtime.devices.sound import PortAudioOutput
+from minihuman.runtime.finding import Finding
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 60
@@ -83,22 +84,13 @@ _PACKAGES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """The result of one check. ``unfit_because`` is "" if it is good enough or only for the record."""
-
-    name: str
-    value: str
-    unfit_because: str = ""
-
-    def line(self) -> str:
-        """Return the finding as a line for the terminal."""
-        verdict = "NOT FIT" if self.unfit_because else "ok"
-        return f"{verdict:8} {self.name:22} {self.value}"
-
-
 def examine_machine(
-    *, window: str, data: Path, fullscreen: bool = False, protocol: Protocol | None = None
+    *,
+    window: str,
+    data: Path,
+    fullscreen: bool = False,
+    protocol: Protocol | None = None,
+    delays: DelayChecks = NO_DELAYS,
 ) -> Iterator[Finding]:
     """Examine this machine; yield one finding after the other, including one for each check that is impossible.
 
@@ -107,6 +99,7 @@ def examine_machine(
         data: the folder in which sessions are to be kept; it is created if absent.
         fullscreen: whether to measure the whole screen, as participants will see it.
         protocol: a study whose texts and worlds are to be checked, too.
+        delays: the delays to measure, for which a cable or a photodiode is connected.
     """
     yield _list_versions()
     yield _check_clock()
@@ -114,7 +107,9 @@ def examine_machine(
     if protocol is not None:
         yield _check_texts(protocol)
         yield from _check_sound(protocol)
-    yield from _check_display(window, protocol, fullscreen=fullscreen)
+    if delays.loopback:
+        yield from measure_loopback()
+    yield from _check_display(window, protocol, fullscreen=fullscreen, photodiode=delays.photodiode)
     yield from _measure_disk(data)
 
 
@@ -200,12 +195,17 @@ def _check_sound(protocol: Protocol) -> Iterator[Finding]:
     yield Finding("sound", f"{device}, onsets {precision}", sound_problem)
 
 
-def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
-    """Open a window, and check its display, its keys, its timing and, for a study, the pictures of its worlds."""
+def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool, photodiode: bool) -> Iterator[Finding]:
+    """Open a window, and check its display, its keys, its timing and, for a study, the pictures of its worlds.
+
+    If ``photodiode``, measure the display's delay, too.
+    """
     try:
         window = open_window(name, time.perf_counter_ns, fullscreen=fullscreen)
     except WindowError as error:
         yield Finding("display", str(error), "no window can be opened")
+        if photodiode:
+            yield _report_no_photodiode("no window can be opened")
         return
     try:
         facts = window.facts()
@@ -218,8 +218,17 @@ def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) ->
             yield from _measure_frames(window, synced=has_vsync and has_refresh_rate)
             if protocol is not None:
                 yield from _measure_pictures(window, protocol)
+            if photodiode:
+                yield from measure_photodiode(window)
+        elif photodiode:
+            yield _report_no_photodiode("this window does not wait for input; use --window pygame or pyglet")
     finally:
         window.close()
+
+
+def _report_no_photodiode(reason: str) -> Finding:
+    """Return the finding that no photodiode was recorded, and why."""
+    return Finding("photodiode", f"not recorded: {reason}", "the delay of pictures was not measured")
 
 
 def _check_key_identity(identity: str) -> Finding:

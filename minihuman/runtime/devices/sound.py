@@ -38,6 +38,7 @@ _STEP_S = 0.002  # a larger difference of the latest buffers' median shows an in
 _LEAST_UNCERTAINTY_S = 0.001  # the periods in which device and sound server count, which a fit does not show
 _SPREAD_TO_UNCERTAINTY = 3.0  # robust standard deviations of the fitted times
 _MAD_TO_SD = 1.4826  # the standard deviation of normal values, in median absolute deviations
+_STUDY_HAS_SOUND = "the study has sound"  # why the device is opened, for errors
 _NS_PER_S = 1_000_000_000
 _LONGEST_START_NS = 5 * _NS_PER_S
 _START_CHECK_S = 0.02
@@ -171,13 +172,21 @@ class PortAudioOutput(SoundOutput):
         clock: the session's clock.
         contents: the sounds of the session, which are decoded now.
         files: the protocol's files.
+        purpose: why sounds are played, for errors.
 
     Raises:
         DeviceError: if PortAudio or a device is missing.
         WorldError: if a file cannot be decoded.
     """
 
-    def __init__(self, clock: Clock, contents: Sequence[SoundContent], files: Mapping[str, bytes]) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        contents: Sequence[SoundContent],
+        files: Mapping[str, bytes],
+        *,
+        purpose: str = _STUDY_HAS_SOUND,
+    ) -> None:
         self._clock = clock
         self._files = files
         self._lock = threading.Lock()
@@ -185,7 +194,7 @@ class PortAudioOutput(SoundOutput):
         self._reports: list[SoundStarted] = []
         self._frame = 0  # number of the next buffer's first frame
         self._interruptions = 0
-        self._stream = _open_stream(self._fill)
+        self._stream = _open_stream(self._fill, purpose)
         self._rate_hz = float(self._stream.samplerate)
         self._fit = ClockFit(self._rate_hz)
         self._samples = {self._compute_digest(content): self._render(content) for content in contents}
@@ -371,18 +380,31 @@ def _list_times(report: SoundStarted) -> tuple[int, int, int, int]:
     return report.cue, report.scheduled_ns, report.onset_ns, report.uncertainty_ns
 
 
-def _open_stream(fill: Callable[..., None]) -> Any:
-    """Open the default sound device.
+def import_sounddevice(purpose: str) -> Any:
+    """Return the module ``sounddevice``.
+
+    Args:
+        purpose: what needs it, such as "the study has sound", for the errors.
 
     Raises:
-        DeviceError: if PortAudio or a device is missing.
+        DeviceError: if the package or PortAudio is missing.
     """
     try:
         import sounddevice
     except ImportError as error:
-        raise DeviceError(f"the study has sound, for which the package sounddevice is missing; {EXTRA}") from error
+        raise DeviceError(f"{purpose}, for which the package sounddevice is missing; {EXTRA}") from error
     except OSError as error:
-        raise DeviceError(f"the study has sound, for which PortAudio is missing; {INSTALL_PORTAUDIO}") from error
+        raise DeviceError(f"{purpose}, for which PortAudio is missing; {INSTALL_PORTAUDIO}") from error
+    return sounddevice
+
+
+def _open_stream(fill: Callable[..., None], purpose: str = _STUDY_HAS_SOUND) -> Any:
+    """Open the default sound device.
+
+    Raises:
+        DeviceError: if PortAudio or a device is missing; it names the purpose.
+    """
+    sounddevice = import_sounddevice(purpose)
     try:
         return sounddevice.OutputStream(
             samplerate=RATE_HZ, channels=2, dtype="float32", latency=LATENCY_S, callback=fill
@@ -392,5 +414,5 @@ def _open_stream(fill: Callable[..., None]) -> Any:
         if sounddevice.default.device[1] < 0:
             reason = "there is none"
         raise DeviceError(
-            f"the study has sound, but no sound device opens ({reason}); connect one and start the sound server"
+            f"{purpose}, but no sound device opens ({reason}); connect one and start the sound server"
         ) from error
