@@ -57,6 +57,7 @@ def test_clicks_come_back_through_the_sinks_monitor(tmp_path: Path) -> None:
     assert findings["sound input"][0].startswith("default, ALSA, 48000 Hz")
 
 
+@pytest.mark.nightly
 def test_without_the_cable_nothing_comes_back_and_the_way_out_is_named(tmp_path: Path) -> None:
     with recorded_sink(tmp_path / "sink") as sink:
         add_silent_source(sink)
@@ -89,6 +90,7 @@ def test_changes_of_the_picture_are_seen(tmp_path: Path, display: str) -> None:
         assert 1000 * LEAST_DELAY_S < median_ms < 1000, value
 
 
+@pytest.mark.nightly
 def test_without_a_diode_no_change_is_seen_and_the_way_out_is_named(tmp_path: Path, display: str) -> None:
     with recorded_sink(tmp_path / "sink", DISPLAY=display) as sink:
         findings = examine(tmp_path / "data", sink.environment, "--photodiode", "--window", "pygame", "--windowed")

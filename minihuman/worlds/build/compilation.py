@@ -97,6 +97,12 @@ def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, count
     return intrinsic(typed)
 
 
+def call_function(builder: Any, address: Any, argument: Any) -> Any:
+    """Return LLVM's value of the int64 that the compiled function at an address returns for an int64."""
+    kind = ir.FunctionType(_WHOLE, [_WHOLE])
+    return builder.call(builder.inttoptr(address, kind.as_pointer()), [argument])
+
+
 def array_at(kind: type[np.generic]) -> Any:
     """Return the Numba implementation of `minihuman.worlds.kernels.array_at`."""
     size = np.dtype(kind).itemsize

@@ -23,11 +23,10 @@ uint8_array_at = array_at(np.uint8)
 
 
 def _call(builder: Any, arguments: Any) -> Any:
-    from llvmlite import ir  # only where kernels are compiled
+    from minihuman.worlds.build.compilation import call_function
 
-    whole = ir.IntType(64)
-    (_, function), (_, argument) = arguments
-    return builder.call(builder.inttoptr(function, ir.FunctionType(whole, [whole]).as_pointer()), [argument])
+    (_, address), (_, argument) = arguments
+    return call_function(builder, address, argument)
 
 
 def _call_plain(function: int, argument: int) -> int:
