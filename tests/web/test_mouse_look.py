@@ -33,7 +33,7 @@ actions = ["move_forward", "move_back"]
 noop_action = "rest"
 key_map = "fixed"
 fixed_keys = { up = "move_forward", down = "move_back" }
-max_steps = 30
+max_steps = 100
 pace = "real_time"
 step_period_ms = 50
 hold = "repeat"
