@@ -1,7 +1,6 @@
 """Grid worlds of one's own, translated and compiled: equal to plain Python, and errors that name the author's line."""
 
 import copy
-import ctypes
 import inspect
 import logging
 import math
@@ -20,7 +19,7 @@ from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.worlds.grid.core.state import NEW, PHASE
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball
-from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, passes, programs
+from minihuman.worlds.grid.own import Bool, Float, Int, IntArray, IntTuple, library, programs
 from minihuman.worlds.grid.own.batch import OwnBatch, make_batch
 from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.team_batch import OwnTeamBatch
@@ -137,12 +136,6 @@ def act(world, action):
     except (WorldError, TypeError) as error:
         outcome = f"{type(error).__name__}: {error}"
     return f"{outcome!r} {world.state_hash() if world._row[PHASE] != NEW else ''}", world
-
-
-def test_the_address_of_a_compiled_function_can_be_called_without_compilation():
-    doubled = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(lambda number: 2 * number)
-    address = ctypes.cast(doubled, ctypes.c_void_p).value
-    assert passes._call_plain(address, 21) == 42
 
 
 @pytest.mark.nightly
