@@ -223,7 +223,7 @@ class Expressions:
         if isinstance(field, IntTuple):
             return "(" + "".join(f"rt.own(c)[{offset + k}], " for k in range(field.size)) + ")"
         memory = "rt.own_floats(c)" if field.dtype is np.float64 else "rt.own(c)"
-        shape: tuple[int, ...] = field.shape  # type: ignore[attr-defined]  # of an array
+        shape = field.shape
         return f"rt.view_{len(shape)}({memory}, {offset}, {', '.join(map(str, shape))})"
 
     def _translate_unaryop(self, node: ast.UnaryOp) -> str:
