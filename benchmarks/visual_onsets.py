@@ -14,7 +14,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from tests.screen_diode import PictureTimes, show_at_desk, show_in_chromium, write_study
+from tests.picture_times import PictureTimes, show_at_desk, show_in_chromium, write_study
 from tests.xserver import xvfb
 
 WHERE = ("pygame", "pyglet", "Chromium")

@@ -153,10 +153,7 @@ def play_in_chromium(protocol: Path, data: Path, sink: NullSink) -> Path:
         )
         somebody = Somebody(browser.new_context(), f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         somebody.until("s.welcomed && s.kind !== ''")
-        while not somebody.state["finished"]:
-            if somebody.state["kind"] not in ("trial", "blank", "play"):
-                somebody.press("enter")
-            somebody.page.wait_for_timeout(200)
+        somebody.sit_through()
         assert somebody.errors == []
         browser.close()
     [log] = data.rglob("*.mcap")

@@ -136,3 +136,9 @@ def test_the_share_within_the_uncertainty_is_of_the_clicks_that_came_back() -> N
     recorded = np.array([0.0800, 0.0805, 0.0790, np.nan, 0.0800, 0.0830])
     assert compute_share_within(recorded, np.full(6, 0.0015)) == pytest.approx(0.8)
     assert compute_share_within(recorded, np.full(6, 0.0002)) == pytest.approx(0.4)
+
+
+def test_of_two_sounds_near_a_click_the_one_with_the_constant_delay_is_its_own() -> None:
+    stated_s = draw_times_s(10, (0.2, 0.3))
+    recorded_s = np.sort(np.concatenate([stated_s + 0.08, [stated_s[4] + 0.05]]))  # and a knock before the fifth
+    assert measure_delays_s(stated_s, recorded_s, tolerance_s=0.09) == pytest.approx(0.08)

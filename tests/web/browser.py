@@ -258,6 +258,13 @@ class Somebody:
                 self.press("enter")
             self.page.wait_for_timeout(60)
 
+    def sit_through(self) -> None:
+        """Go on with Enter, but press nothing in trials and other play, until nothing follows."""
+        while not self.state["finished"]:
+            if self.state["kind"] not in ("trial", "blank", "play"):
+                self.press("enter")
+            self.page.wait_for_timeout(200)
+
     def to_end(self) -> None:
         """Go on with Enter until nothing follows."""
         until_s = time.monotonic() + PATIENCE_MS / 1000

@@ -76,7 +76,7 @@ def build_trial_screen(
     run: TrialRun,
     *,
     first_cue: int,
-    photodiode: Corner | msgspec.UnsetType = msgspec.UNSET,
+    photodiode: Corner | msgspec.UnsetType,
 ) -> TrialScreen:
     """Build the screen of a running trial, whose sounds are numbered from ``first_cue`` on.
 

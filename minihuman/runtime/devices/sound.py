@@ -410,9 +410,14 @@ def _open_stream(fill: Callable[..., None], purpose: str = _STUDY_HAS_SOUND) -> 
             samplerate=RATE_HZ, channels=2, dtype="float32", latency=LATENCY_S, callback=fill
         )
     except (sounddevice.PortAudioError, ValueError) as error:
-        reason = str(error.args[0]) if error.args else type(error).__name__
-        if sounddevice.default.device[1] < 0:
-            reason = "there is none"
+        reason = explain_failure(error, sounddevice.default.device[1])
         raise DeviceError(
             f"{purpose}, but no sound device opens ({reason}); connect one and start the sound server"
         ) from error
+
+
+def explain_failure(error: Exception, device: int) -> str:
+    """Return why PortAudio did not open a device, by its error and the device's number; below 0: there is none."""
+    if device < 0:
+        return "there is none"
+    return str(error.args[0]) if error.args else type(error).__name__

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from minihuman.display.windows.window import Clock
 from minihuman.errors import DeviceError
-from minihuman.runtime.devices.sound import LATENCY_S, RATE_HZ, ClockFit, import_sounddevice
+from minihuman.runtime.devices.sound import LATENCY_S, RATE_HZ, ClockFit, explain_failure, import_sounddevice
 
 _NS_PER_S = 1_000_000_000
 _LEAST_BUFFERS = 16  # before the recording is used
@@ -165,9 +165,7 @@ def _open_input(take: Any) -> Any:
             samplerate=RATE_HZ, channels=channels, dtype="float32", latency=LATENCY_S, callback=take
         )
     except (sounddevice.PortAudioError, ValueError) as error:
-        reason = str(error.args[0]) if error.args else type(error).__name__
-        if sounddevice.default.device[0] < 0:
-            reason = "there is none"
+        reason = explain_failure(error, sounddevice.default.device[0])
         raise DeviceError(
             f"sound is to be recorded, but no sound input opens ({reason}); connect one, choose it as the system's "
             "input, and let this program use the microphone"

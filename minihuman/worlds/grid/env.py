@@ -43,7 +43,7 @@ _SET_BY_RESETS = frozenset(
     {"cell_marks", "mission", "_episode_recipe", "_draws", "_stream_is_held", "_stream_is_ahead", "_views"}
     | {"_np_random", "_np_random_seed"}
 )
-_NO_IMAGE = np.zeros((0, 0, 3), np.uint8)
+_NO_IMAGE = np.zeros((0, 0, 3), np.uint8)  # for a step without an observation
 _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
 
 

@@ -2,16 +2,18 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from minihuman.activities.trials.drawing import draw_stimuli
+from minihuman.activities.trials.plan import TimelineSpec
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.worlds.adapters.world import World
 from tests.activities.trials.test_timelines import PRIMING, plan_of, show_next
 from tests.counts import count
 from tests.machine import needs
-from tests.screen_diode import FRAME_MS, show_at_desk, show_in_chromium, write_study
+from tests.picture_times import FRAME_MS, show_at_desk, show_in_chromium, write_study
 from tests.study.sessions import Desk
 
 CORNERS = {"top left": (0, 0), "top right": (0, -1), "bottom left": (-1, 0), "bottom right": (-1, -1)}
@@ -43,6 +45,15 @@ def test_a_response_does_not_change_the_square_and_without_one_nothing_is_drawn(
         assert [content.colour for content in after] == squares
         assert [content.colour for content in before if content.shape] == squares
         assert screen.pictures[0] == ()
+
+
+def test_the_methods_say_that_there_is_a_square() -> None:
+    stimuli = ({"name": "cue", "text": "<", "duration_ms": 100},)
+    with_square = msgspec.convert({"stimuli": stimuli, "photodiode": "top right"}, TimelineSpec)
+    without = msgspec.convert({"stimuli": stimuli}, TimelineSpec)
+    [said] = set(with_square.describe(0)) - set(without.describe(0))
+    assert said == "a square for a photodiode (top right) changed between white and black with each picture"
+    assert msgspec.json.encode(without).count(b"photodiode") == 0  # plans of before read and are written as they were
 
 
 @pytest.mark.program

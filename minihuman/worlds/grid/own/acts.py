@@ -1,6 +1,7 @@
-"""The ways in which a user's own rules can change a grid: draw random numbers; put, remove and move objects.
+"""What the worlds of a user's own have in common, with one body or several.
 
-Translated rules do the same in compiled code (`runtime`).
+That are the ways in which their rules can change a grid (draw random numbers; put, remove and move objects), which
+translated rules do in compiled code (`runtime`), and where a world finds its compiled rules.
 """
 
 from importlib import import_module
@@ -17,7 +18,7 @@ from minihuman.worlds.grid.object_kinds import Item
 
 
 class OwnRules:
-    """Mixin with the methods by which `reward_and_done` changes a grid, for worlds with one body or several."""
+    """Mixin with the methods by which `reward_and_done` changes a grid, and the world's compiled rules."""
 
     bodies: int = 1
     is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python

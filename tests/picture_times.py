@@ -66,7 +66,7 @@ def write_study(folder: Path, *, trials: int, ready: str = "none") -> Path:
     return path
 
 
-class ScreenDiode:
+class PixelWatcher:
     """Looks at a pixel of a display and notes when it turns white or black.
 
     Args:
@@ -82,7 +82,7 @@ class ScreenDiode:
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
 
-    def __enter__(self) -> "ScreenDiode":
+    def __enter__(self) -> "PixelWatcher":
         self._thread.start()
         return self
 
@@ -92,14 +92,23 @@ class ScreenDiode:
         self._display.close()
 
     def _look(self) -> None:
-        previous = None
+        previous = ""
         while not self._is_over.is_set():
             level = max(self._root.get_image(*self._place_px, 1, 1, X.ZPixmap, 0xFFFFFFFF).data[:3])
-            state = True if level >= _WHITE else False if level <= _BLACK else None
-            if state is not None and state != previous:
-                self.turns.append((state, time.time_ns()))
+            state = _name_state(level)
+            if state != previous and state:
+                self.turns.append((state == "white", time.time_ns()))
             previous = state
             time.sleep(_LOOK_S)
+
+
+def _name_state(level: int) -> str:
+    """Return what a pixel shows of the square, by its brightest channel: "white", "black", or "" for the background."""
+    if level >= _WHITE:
+        return "white"
+    if level <= _BLACK:
+        return "black"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -170,24 +179,24 @@ def _drop_others(turns: Sequence[tuple[bool, int]], first_ns: int, count: int) -
 
 
 @contextmanager
-def look_at_corner(display: str) -> Iterator[ScreenDiode]:
+def look_at_corner(display: str) -> Iterator[PixelWatcher]:
     """Look at the bottom left corner of a display for as long as a block lasts."""
     screen = Display(display)
     height = screen.screen().height_in_pixels
     screen.close()
-    with ScreenDiode(display, (_MARGIN_PX, height - _MARGIN_PX)) as diode:
-        yield diode
+    with PixelWatcher(display, (_MARGIN_PX, height - _MARGIN_PX)) as watcher:
+        yield watcher
 
 
 def show_at_desk(protocol: Path, data: Path, display: str, window: str) -> PictureTimes:
     """Play a study that asks for nothing in a full-screen window, and look at it."""
     command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(data), "--window", window]
-    with look_at_corner(display) as diode:
+    with look_at_corner(display) as watcher:
         environment = {**os.environ, "DISPLAY": display}
         with running(command, env=environment, stdout=subprocess.PIPE, text=True) as program:
             program.communicate(timeout=100 * PATIENCE_S)
     [log] = data.rglob("*.mcap")
-    return compare_pictures(log, diode.turns)
+    return compare_pictures(log, watcher.turns)
 
 
 _FIND_CORNER = """() => {
@@ -207,11 +216,8 @@ def show_in_chromium(protocol: Path, data: Path, display: str) -> PictureTimes:
             somebody.page.wait_for_timeout(50)
         somebody.until("document.querySelector('canvas')")
         left, bottom = somebody.page.evaluate(_FIND_CORNER)
-        with ScreenDiode(display, (round(left) + _MARGIN_PX, round(bottom) - _MARGIN_PX)) as diode:
-            while not somebody.state["finished"]:
-                if somebody.state["kind"] not in ("trial", "blank", "play"):
-                    somebody.press("enter")
-                somebody.page.wait_for_timeout(500)
+        with PixelWatcher(display, (round(left) + _MARGIN_PX, round(bottom) - _MARGIN_PX)) as watcher:
+            somebody.sit_through()
         assert somebody.errors == []
     [log] = data.rglob("*.mcap")
-    return compare_pictures(log, diode.turns)
+    return compare_pictures(log, watcher.turns)
